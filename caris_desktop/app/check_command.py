@@ -11,8 +11,7 @@ import numpy as np
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
-from caris_desktop.conversation.listening.recogniser_files import find_recogniser
+from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
@@ -20,16 +19,16 @@ from caris_desktop.domain.picture_checks import PictureError, fitted
 from caris_desktop.domain.plugin_process import why_unusable
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value
-from caris_desktop.perception.backends.remote import RemoteDetector
+from caris_desktop.perception.backends.remote_detector import RemoteDetector
+from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import found_cameras
-from caris_desktop.perception.cameras.open_camera import open_camera
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking
 from caris_desktop.robot.link import check_robot, robot_queue_advice
-from caris_desktop.robot.profile import ProfileError
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.robot.profile_model import ProfileError
+from caris_desktop.scenario.scenario_model import Scenario, plugin_panels
 
 ENOUGH_FREE_BYTES = 5 * 10**9
 _SECOND_OF_SOUND = 16_000
@@ -168,6 +167,7 @@ def plugin_findings(scenario: Scenario) -> Iterator[Finding]:
         speech = dict.fromkeys((scenario.speech.name, scenario.listening.model))
         sources = dict.fromkeys(camera.source for camera in scenario.cameras)
         used += [find("cameras", source.split(":")[1]) for source in sources if source.startswith("plugin:")]
+        used += [find("panels", name.partition(":")[2]) for name in plugin_panels(scenario)]
         used += [find("speech", name.partition(":")[2]) for name in speech if name.startswith("plugin:")]
     except PluginError as error:  # removed since the scenario was read
         yield Finding("Plug-in", False, f"{error.plugin.name}: {error}.", "Install it, or remove its name.")

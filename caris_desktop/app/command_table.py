@@ -1,16 +1,33 @@
 """Command table and dispatch. The console needs Qt; the other commands are composed without it."""
 
 import argparse
+import builtins
+import gc
 import importlib
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, redirect_stderr, redirect_stdout
 from typing import TextIO, cast
 
-from caris_desktop.app import quick_start
 from caris_desktop.app.arguments import build_parser
 from caris_desktop.domain.printable import PrintableStream
 from caris_desktop.live.logs import configure_logging, log_file
+
+
+def begin_quickly() -> None:
+    """Import Qt cheaply, and collect no garbage until the window is shown.
+
+    PySide6 replaces Python's ``import`` for ``from __feature__ import snake_case``: it reads and keeps the source of
+    each module imported later, in search of PySide6. Nothing here uses that. Objects created until the first window
+    stay, so that collections would only traverse them in vain.
+    :class:`~caris_desktop.app.qt_application.GarbageCollector` collects from then on.
+    """
+    gc.disable()
+    plain_import = builtins.__import__
+    import PySide6.QtCore  # noqa: F401 - that it is imported now is the point
+
+    builtins.__import__ = plain_import
+
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
 COMMANDS = {
@@ -64,7 +81,7 @@ def run(words: Sequence[str]) -> int:
     """Run a command; without one, open the console."""
     if words and words[0] in COMMANDS:
         if words[0] in _OPEN_A_WINDOW:
-            quick_start.begin()
+            begin_quickly()
         arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)
@@ -81,7 +98,7 @@ def run(words: Sequence[str]) -> int:
     parser = build_parser()
     parser.epilog = f"Other commands: {', '.join(COMMANDS)}. Each has --help."
     arguments = parser.parse_args(list(words))
-    quick_start.begin()
+    begin_quickly()
     from caris_desktop.app import console_command
 
     return console_command.run(arguments)

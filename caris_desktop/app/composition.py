@@ -6,7 +6,8 @@ import hashlib
 import logging
 import platform
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,46 +17,47 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.app import process_entry_points
-from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
+from caris_desktop.conversation.conversation_transcript import Turn, turns_of
+from caris_desktop.conversation.face.face_file import FaceError, parse_face, user_faces_dir
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
+from caris_desktop.conversation.models.endpoint import resolve_endpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
+from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.plugins import PluginError, find
-from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
-from caris_desktop.live.adapters import Adapters, RobotAdapters
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.local_microphone import MicrophoneChoice
-from caris_desktop.live.model_lists import local_models
+from caris_desktop.live.console import Adapters, RobotAdapters
+from caris_desktop.live.model_client import local_models
 from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
-from caris_desktop.live.services.microphone_service import MicrophoneAdapters
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneChoice
 from caris_desktop.live.services.people_service import PeopleAdapters
 from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
-from caris_desktop.live.services.scenario_service import ScenarioAdapters
+from caris_desktop.live.services.scenario_service import Imported, ScenarioAdapters
 from caris_desktop.live.services.session_service import SessionAdapters
 from caris_desktop.live.services.sound_service import SoundAdapters
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
-from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
+from caris_desktop.recording.recorder.disk_watch import expected_bytes_per_hour
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS
 from caris_desktop.recording.session.session_header import (
     RecordedRobot,
     RecordedScenario,
@@ -63,27 +65,52 @@ from caris_desktop.recording.session.session_header import (
     SessionHeader,
     read_header,
 )
+from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
+from caris_desktop.robot.profile import (
+    leaves_ros_open,
+    list_profiles,
+    load_profile,
+    parse_profile,
+    profile_text,
+    read_profile,
+    user_robots_dir,
+    with_ros,
+)
+from caris_desktop.robot.profile_model import ProfileError
 from caris_desktop.ros.dialect import Dialect
+from caris_desktop.scenario.bundle import (
+    Bundle,
+    BundledFile,
+    BundleError,
+    NameConflict,
+    PartKind,
+    bundle_name,
+    conflicts_of,
+    names_of,
+    read_bundle,
+    unpack,
+    write_bundle,
+)
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, save_places, save_text, scenario_text
 from caris_desktop.scenario.scenario_library import find_scenario as find_scenario_file
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_library import own_file, user_scenarios_dir
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study.study_folder import (
     StudyFolder,
     StudyFolderError,
     default_study_path,
+    following,
     free_bytes,
     load_last_details,
     new_session_folder,
     open_study_folder,
     save_last_details,
+    with_recording_number,
 )
-from caris_desktop.study.trial_order import following, with_recording_number
 
 if TYPE_CHECKING:
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 
 _log = logging.getLogger(__name__)
 
@@ -194,7 +221,7 @@ def parts(
             server=ProcessSpec("language-model", process_entry_points.language_model),
             addition=ProcessSpec("model-addition", process_entry_points.model_addition),
             stream_chat=stream_chat,
-            resolve_endpoint=_resolve_endpoint,
+            resolve_endpoint=lambda model, embedded_url: resolve_endpoint(model, embedded_url=embedded_url),
             list_models=local_models,
         ),
         scenario=ScenarioAdapters(
@@ -224,9 +251,12 @@ def parts(
             Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "trials",
             study.sessions,
             details_of_session,
+            conversation_of_session,
         ),
         forgetting=functools.partial(_forgetting, study),
-        listening=_recogniser,
+        listening=lambda scenario: ProcessSpec(
+            "recogniser", process_entry_points.recogniser, (recogniser_settings(scenario),)
+        ),
         sound=SoundAdapters(
             ProcessSpec("hearing along", process_entry_points.playback),
             ProcessSpec("own voice", process_entry_points.playback),
@@ -257,10 +287,6 @@ def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
     )  # fmt: skip
 
 
-def _recogniser(scenario: Scenario) -> ProcessSpec:
-    return ProcessSpec("recogniser", process_entry_points.recogniser, (recogniser_settings(scenario),))
-
-
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
     """Process that forgets the person in the whole study."""
     from caris_desktop.live.erasure_run import ErasureRequest
@@ -273,9 +299,9 @@ def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
 
 def own_files(study: Path) -> "OwnFiles":
     """This user's files outside the study that may name one of its people."""
-    from caris_desktop.conversation.voices.engine_process import VOICE_FOLDER
+    from caris_desktop.conversation.synthesis import VOICE_FOLDER
     from caris_desktop.live.logs import log_file
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 
     state = Path(platformdirs.user_state_dir("caris-desktop", appauthor=False))
     data = Path(platformdirs.user_data_dir("caris-desktop", appauthor=False))
@@ -427,10 +453,6 @@ def _open_presence(study: StudyFolder) -> tuple[PresenceTracker, list[Event]]:
         return PresenceTracker(), [problem]
 
 
-def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
-    return resolve_endpoint(model, embedded_url=embedded_url)
-
-
 def _inference_as_configured(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
     (settings,) = body.arguments
     detector = detector_settings(scenario)
@@ -451,14 +473,9 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
 
 
 def _load_scenario(path: Path) -> Scenario:
-    try:
+    advice = tr("The previous scenario stays open. Correct the file and open it.")
+    with reported(ScenarioError, tr("The scenario was not opened."), advice):
         scenario = load_scenario(path, _velocity_topic_of)
-    except ScenarioError as error:
-        raise UserFacingError(
-            tr("The scenario was not opened."),
-            str(error),
-            tr("The previous scenario stays open. Correct the file and open it."),
-        ) from error
     confirmed_files.check_scenario(scenario)
     return scenario
 
@@ -474,28 +491,18 @@ def _velocity_topic_of(robot: str) -> str | None:
 def _save_places(scenario: Scenario) -> Scenario:
     """Save the places: in the scenario's file if it is the user's, else in the user's copy of a shipped one."""
     path = own_file(scenario.path)
-    try:
+    advice = tr("Make that file writable, or copy the scenario and open the copy.")
+    with reported((OSError, ScenarioError), tr("The place was not saved."), advice):
         path.parent.mkdir(parents=True, exist_ok=True)
         saved = save_places(scenario, path)
         confirmed_files.carry(scenario, saved)
-    except (OSError, ScenarioError) as error:
-        raise UserFacingError(
-            tr("The place was not saved."),
-            str(error),
-            tr("Make that file writable, or copy the scenario and open the copy."),
-        ) from error
     return saved
 
 
 def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str:
-    try:
+    advice = tr("Your changes are still in the scenario editor, which shows what to do.")
+    with reported(ScenarioError, tr("The scenario was not saved."), advice):
         return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
-    except ScenarioError as error:
-        raise UserFacingError(
-            tr("The scenario was not saved."),
-            str(error),
-            tr("Your changes are still in the scenario editor, which shows what to do."),
-        ) from error
 
 
 def _robots() -> tuple[RobotChoice, ...]:
@@ -506,14 +513,9 @@ def _robots() -> tuple[RobotChoice, ...]:
 
 
 def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotConnection:
-    try:
+    advice = tr("The current robot stays connected. Correct the profile and try again.")
+    with reported(StartError, tr("The robot was not connected."), advice):
         return robot_connection(name, address=address_of(name))
-    except StartError as refusal:
-        raise UserFacingError(
-            tr("The robot was not connected."),
-            str(refusal),
-            tr("The current robot stays connected. Correct the profile and try again."),
-        ) from refusal
 
 
 def _no_robot_to_practise_on(_actor: Actor) -> None:
@@ -533,6 +535,19 @@ def details_of_session(folder: Path) -> TrialDetails:
         return TrialDetails()
     known = {field.name for field in fields(TrialDetails)}
     return TrialDetails(**{key: text for key, text in trial.items() if key in known})
+
+
+def conversation_of_session(folder: Path) -> tuple[Turn, ...]:
+    """Turns of a session, with times of this computer's present clock; empty if it is unreadable."""
+    try:
+        session = open_session(folder, repair=False)
+        turns = turns_of(value for _, value in session.values(*UTTERANCE_STREAMS))
+    except SessionError as error:
+        _log.warning("%s", error)
+        return ()
+    now = ClockAnchor.take()
+    by_ns = session.header.clock.utc_ns_at(0) - now.utc_ns_at(0)
+    return tuple(turn.moved(by_ns) for turn in turns if turn.said)
 
 
 def _new_session(
@@ -563,3 +578,88 @@ def _new_session(
             "sound": "permitted" if scenario.permissions.audio_recording else "not permitted",
         },
     )
+
+
+# Scenario bundles: one file with the user's own robot profile and face, for passing on and import.
+
+
+def share_scenario(scenario: Scenario, path: Path) -> None:
+    """Write the scenario with the user's own files that it refers to. Raises UserFacingError."""
+    stem = scenario.path.stem if scenario.path is not None else scenario.title
+    scenario_file = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
+    advice = tr("Choose another folder or another name.")
+    with reported((BundleError, ProfileError, OSError), tr("The scenario was not exported as one file."), advice):
+        write_bundle(Bundle(scenario_file, tuple(_next_to(scenario))), path)
+
+
+def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
+    """Name conflicts of this bundle with existing files. Raises UserFacingError."""
+    with _reported_errors():
+        return conflicts_of(_checked(path), _folders(), _known)
+
+
+def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
+    """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises UserFacingError."""
+    with _reported_errors():
+        unpacked = unpack(_checked(path), _folders(), _known, decided)
+    aside = ", ".join(str(place) for place in unpacked.put_aside)
+    return Imported(unpacked.path, names_of(unpacked.renamed), aside)
+
+
+def _folders() -> dict[PartKind, Path]:
+    return {"scenario": user_scenarios_dir(), "robot": user_robots_dir(), "face": user_faces_dir()}
+
+
+def _checked(path: Path) -> Bundle:
+    bundle = read_bundle(path)
+    for part in bundle.beside:
+        _check(part, path)
+    return bundle
+
+
+@contextmanager
+def _reported_errors() -> Iterator[None]:
+    try:
+        yield
+    except (BundleError, ProfileError, FaceError) as error:
+        reason = error.what if isinstance(error, FaceError) else str(error)
+        raise UserFacingError(
+            tr("The scenario was not imported."), reason, tr("Nothing was changed. Ask the sender for the file again.")
+        ) from error
+
+
+def _next_to(scenario: Scenario) -> list[BundledFile]:
+    """Robot and face of the scenario, if they are the user's own. A profile's text contains no secrets."""
+    parts = []
+    if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():
+        parts.append(BundledFile("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
+    face = user_faces_dir() / f"{scenario.face.face}.yaml"
+    if face.is_file():
+        parts.append(BundledFile("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
+    return parts
+
+
+def _check(part: BundledFile, bundle: Path) -> None:
+    file_name = f"{bundle.name}, {part.kind}/{part.name}.yaml"
+    if part.kind == "robot":
+        parse_profile(part.text, file_name=file_name, name=part.name)
+    else:
+        parse_face(part.text, file_name=file_name, name=part.name)
+
+
+def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:
+    """Existing file of that name, and its text; no text if it is unusable."""
+    folders = {
+        "scenario": (user_scenarios_dir(), layouts_dir()),
+        "robot": (user_robots_dir(), resources_dir() / "robots"),
+        "face": (user_faces_dir(), resources_dir() / "faces"),
+    }
+    paths = (folder / f"{name}.yaml" for folder in folders[kind])
+    there = next((path for path in paths if path.is_file()), None)
+    if there is None:
+        return None
+    try:
+        text = profile_text(read_profile(there)) if kind == "robot" else there.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError, ProfileError):
+        text = ""
+    return there, text

@@ -4,23 +4,32 @@ import argparse
 import gc
 import logging
 import os
+import platform
 import signal
 import sys
+import time
 from collections import deque
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, Qt, QTimer
+from PySide6.QtCore import QLockFile, QSettings, Qt, QTimer
 
 from caris_desktop import __version__
-from caris_desktop.app import composition, simulator_calls, single_instance
-from caris_desktop.app.demo_robot import PROFILE, DemoRobot
-from caris_desktop.app.qt_application import end_with_screen, forget_screen, the_application
-from caris_desktop.app.saved_settings import OwnLayoutFiles, SavedSettings
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
+from caris_desktop.app import composition
+from caris_desktop.app.arguments import build_parser
+from caris_desktop.app.composition import StartError
+from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot, call_simulator
+from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
+from caris_desktop.app.user_settings import (
+    OwnLayoutFiles,
+    SavedSettings,
+    bring_up_to_date,
+    own_settings,
+    retranslated_failure,
+)
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import UserFacingError
@@ -29,18 +38,68 @@ from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import ConfirmationNeededError
 from caris_desktop.live.console import Console
-from caris_desktop.live.garbage_collection import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
-from caris_desktop.live.robot_connections import RobotConnections
+from caris_desktop.live.robot_connections import RobotConnections, show_window
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.closing_window import ClosingWindow
-from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.quit_guard import ClosingWindow
 from caris_desktop.ui.theme import SCALE_KEY, THEME_KEY, Theme, as_choice
+from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
+
+# Single console per study: two would overwrite each other's people, and drive one robot. A second start, such as
+# another double click during the first, brings the existing window to the front.
+
+_LOCK = ".console.lock"
+# A console listens only once its window is shown, and may write for long at its end.
+_WAITS_S, _TRIES_AFTER_S = 20.0, 0.25
+
+
+class AlreadyOpenError(Exception):
+    """The study is open on this computer, and its window is now in front."""
+
+
+@contextmanager
+def held(study: Path, consoles: Path) -> Iterator[None]:
+    """Hold the study's lock. ``consoles``: where running consoles listen.
+
+    Raises AlreadyOpenError, or StartError if the console that holds it cannot be shown.
+    """
+    lock = QLockFile(str(study / _LOCK))
+    lock.setStaleLockTime(0)  # held as long as its process runs, however long that is
+    until_s = time.monotonic() + _WAITS_S
+    while not lock.tryLock(0):
+        if lock.error() != QLockFile.LockError.LockFailedError:
+            # A read-only study is reported when something is to be written.
+            _log.warning("the study %s is not locked: %s", study, lock.error())
+            break
+        _leave_it(lock, study, consoles, impatient=time.monotonic() > until_s)
+        time.sleep(_TRIES_AFTER_S)
+    try:
+        yield
+    finally:
+        lock.unlock()
+
+
+def _leave_it(lock: QLockFile, study: Path, consoles: Path, *, impatient: bool) -> None:
+    """Leave the study to the console that holds it. Returns if that is still starting, or about to end."""
+    pid, host, _program = lock.getLockInfo()
+    if pid and host != platform.node():
+        raise StartError(
+            f"The study {study} is open on the computer {host}. Two consoles cannot use the same study. "
+            "Close it on that computer, or choose another folder with --study."
+        )
+    if pid and show_window(consoles, pid):
+        raise AlreadyOpenError(f"The study {study} is already open: its window was brought to the front.")
+    if impatient:
+        raise StartError(
+            f"The study {study} is open in another console (process {pid}), which does not respond. "
+            "Close that console, or choose another folder with --study."
+        )
+
 
 _log = logging.getLogger(__name__)
 # No input has this name on any system.
@@ -272,7 +331,7 @@ class ConsoleRun:
         address = self.demo_robot.address_of(PROFILE) if self.demo_robot is not None else None
         if address is not None:
             fault = {"command": f"drop_link:{seconds:g}"}
-            self.console.asyncio_thread.submit(simulator_calls.call(address, simulator_calls.FAULT, [fault]))
+            self.console.asyncio_thread.submit(call_simulator(address, FAULT, [fault]))
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -338,9 +397,9 @@ def run(arguments: argparse.Namespace) -> int:
     configure_logging(log_file(), verbose=arguments.verbose)
     _log.info("CARIS Desktop %s starts", __version__)
     try:
-        with single_instance.held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
+        with held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
             return _run(ConsoleRun(arguments))
-    except single_instance.AlreadyOpenError as error:
+    except AlreadyOpenError as error:
         print(error)
         return 0
     except composition.StartError as refusal:
@@ -397,15 +456,4 @@ def _let_python_run() -> None:
 
 def default_arguments(**changes: object) -> argparse.Namespace:
     """Console arguments for an empty command line."""
-    values: dict[str, object] = {
-        "scenario": None,
-        "robot": None,
-        "camera": None,
-        "study": None,
-        "demo": False,
-        "accept_named": False,
-        "theme": None,
-        "language": None,
-        "verbose": False,
-    }
-    return argparse.Namespace(**{**values, **changes})
+    return argparse.Namespace(**vars(build_parser().parse_args([])) | changes)

@@ -1,6 +1,10 @@
 """Simulated robot of the console: started with it, connected once ready, ended with it."""
 
+import asyncio
+import json
+import logging
 import sys
+from collections.abc import Mapping, Sequence
 
 from PySide6.QtCore import QObject, Qt, Signal
 
@@ -60,3 +64,30 @@ class DemoRobot(QObject):
             tr("Run 'caris-desktop simulate' in a terminal to see why."),
             until="connected",
         )
+
+
+# Service calls to the simulated robot itself: speech and faults.
+
+
+_log = logging.getLogger(__name__)
+SAY, PREPARE, FAULT = "/simulator/say", "/simulator/prepare", "/simulator/fault"
+# Speech is synthesised first, which takes long on a busy computer.
+_TIMEOUT_S = 60.0
+
+
+async def call_simulator(address: str, service: str, arguments: Sequence[Mapping[str, str]]) -> None:
+    """Call ``service`` once for each of ``arguments``. A rosbridge drops unexecuted calls when its client disconnects,
+    so each call_simulator awaits its answer. Failures are logged only; the caller notices the missing effect.
+    """
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import WebSocketException
+
+    try:
+        async with asyncio.timeout(_TIMEOUT_S), connect(address) as robot:
+            for number, values in enumerate(arguments):
+                operation = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(values)}
+                await robot.send(json.dumps(operation))
+                while json.loads(await robot.recv()).get("id") != operation["id"]:
+                    pass
+    except (OSError, TimeoutError, ValueError, WebSocketException):
+        _log.warning("the simulated robot could not be asked for %s", service, exc_info=True)

@@ -12,7 +12,7 @@ from caris_desktop.live.study_jobs import WorkersError, add_worker_arguments, ru
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.exporters.templates import OF_FORMAT, check_template
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.missing_data import missing_values, missing_words
+from caris_desktop.recording.session.recovery import missing_values, missing_words
 from caris_desktop.recording.session.session_header import SessionError, read_header, reading
 from caris_desktop.recording.session.session_reader import RECOVERED
 from caris_desktop.recording.session_export import (

@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from caris_desktop.app import process_entry_points
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.conversation.embedded_server import (
     EMBEDDED_MODEL,
     EmbeddedFailed,
@@ -19,7 +19,7 @@ from caris_desktop.conversation.embedded_server import (
     serve_model,
 )
 from caris_desktop.conversation.models.embedded_models import added_models, remove_model
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.limited_listener import listen_limited
 from caris_desktop.domain.model_files import WrongChecksum

@@ -5,14 +5,15 @@ import json
 import re
 import shutil
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import field
 from functools import partial
 from pathlib import Path
 
 from caris_desktop import __version__
 from caris_desktop.app.arguments import add_tracker
-from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
@@ -21,10 +22,10 @@ from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.study_jobs import JobError, Progress
+from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
 from caris_desktop.perception.camera_schedule import CameraTurning
 from caris_desktop.perception.inference import person_box
-from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest, default_threads
+from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
 from caris_desktop.perception.offline_smoothing import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
@@ -32,15 +33,17 @@ from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.weights import WeightsError
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
+from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoPicture, VideoReader
 from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.table_files import DELETED_BY_ERASURE
-from caris_desktop.robot.profile import ProfileError, parse_profile
+from caris_desktop.robot.profile import parse_profile
+from caris_desktop.robot.profile_model import ProfileError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _AHEAD_NS = 500_000_000
+_DECODED_AHEAD = 4
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,8 +100,9 @@ class _CameraLayer:
 
 def _perceive(folder: Path, arguments: argparse.Namespace, progress: Progress) -> dict[str, object]:
     session = open_session(folder, repair=False)
-    threads = arguments.threads or default_threads()
-    perceiver = open_perceiver(arguments.model, tracker=arguments.tracker, threads=threads, recognise_appearance=True)
+    perceiver = open_perceiver(
+        arguments.model, tracker=arguments.tracker, threads=arguments.threads, recognise_appearance=True
+    )
     if perceiver.trouble:
         print(perceiver.trouble, file=sys.stderr)
     model = arguments.model.stem if arguments.model is not None else "usual"
@@ -169,8 +173,7 @@ def _layer(
     model = _camera_model(session, camera)
     turns, turning = _turns(session), CameraTurning()
     waiting = next(turns, None)
-    for number in range(count):
-        picture = videos.frame(camera, number)
+    for number, picture in enumerate(_decoded_ahead(videos, camera, count)):
         if picture is None:
             layer.lost += 1
             continue
@@ -191,6 +194,17 @@ def _layer(
         layer.sizes_px.append((width_px, height_px))
         progress((number + 1) / count)
     return layer
+
+
+def _decoded_ahead(videos: VideoReader, camera: str, count: int) -> Iterator[VideoPicture | None]:
+    """All frames of a camera in their order; the next ones are decoded in a thread meanwhile."""
+    with ThreadPoolExecutor(1, "decoder") as decoder:
+        waiting = deque[Future[VideoPicture | None]]()
+        for number in range(count):
+            waiting.append(decoder.submit(videos.frame, camera, number))
+            if len(waiting) > _DECODED_AHEAD:
+                yield waiting.popleft().result()
+        yield from (future.result() for future in waiting)
 
 
 def _turns(session: Session) -> Iterator[Odometry | HeadState]:

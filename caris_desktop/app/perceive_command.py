@@ -7,12 +7,11 @@ import sys
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.translation import tr
-from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
+from caris_desktop.perception.backends.remote_detector import TOKEN_VARIABLE, serving
 from caris_desktop.perception.backends.runtime_selection import open_chosen
-from caris_desktop.perception.backends.serving import serving
 from caris_desktop.perception.inference_messages import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
 from caris_desktop.perception.weights import DetectorChoice, WeightsError
 

@@ -18,18 +18,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop import __version__
-from caris_desktop.conversation.plugin_server import Asked, LanguageModel, pieces
+from caris_desktop.conversation.embedded_server import Asked, LanguageModel, pieces
 from caris_desktop.conversation.speech_plugins import SpeechPlugin, checked_rate, checked_sound, checked_words
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.plugins import INTERFACES, Plugin, PluginError, PluginGroup
+from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.perception.box_motion import Floats
 from caris_desktop.perception.cameras.plugin_camera import READ_WITHIN_S, CameraPlugin, checked_image
-from caris_desktop.perception.detector_plugins import DetectorPlugin, checked_detections
+from caris_desktop.perception.detector import DetectorPlugin, checked_detections
+from caris_desktop.perception.kalman_tracker import Floats
 from caris_desktop.perception.tracker import checked_tracks
 from caris_desktop.perception.tracker_plugins import Tracker, TrackerFrame
 from caris_desktop.recording.measures.measure_plugins import SessionMeasure, checked_definition, checked_value
@@ -42,6 +45,8 @@ from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportContext, Exporter, checked_paths
 from caris_desktop.robot.bridge_server import VELOCITIES, Robot
 from caris_desktop.ros.message_conversion import decode_odometry
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from caris_desktop.ui.plugin_panel import MAX_CALL_S, MAX_CREATION_S, REQUESTS, PanelConsole
 
 _WIDTH_PX, _HEIGHT_PX = 640, 480
 _FRAMES = 40
@@ -302,6 +307,47 @@ def check_robot(make: Callable[[str], Robot], target: str = "", *, velocity: str
             raise AssertionError("a service or action that does not exist raises an exception")
     stop()
     robot.close()
+
+
+def check_panel(make: Callable[[PanelConsole], QWidget], *values: Any) -> None:
+    """Contract of the group ``caris_desktop.panels``; ``make`` is what the entry point names.
+
+    The panel is made with a console without a robot, and gets ``values`` of the streams and events that it follows. A
+    test of it needs a QApplication (``qtbot`` of pytest-qt).
+    """
+    _check_version(make, "panels")
+    console = _ConsoleWithoutRobot()
+    with _silent():
+        began_s = time.monotonic()
+        widget = make(console)
+        assert isinstance(widget, QWidget), "a panel is a QWidget"
+        assert time.monotonic() - began_s < MAX_CREATION_S, f"it takes more than {MAX_CREATION_S:g} s to be made"
+        for value in values:
+            shown = [show for kind, show in console.following if isinstance(value, kind)]
+            assert shown, f"it does not follow {type(value).__name__}"
+            for show in shown:
+                began_s = time.monotonic()
+                show(value)
+                assert time.monotonic() - began_s < MAX_CALL_S, f"a call takes more than {MAX_CALL_S:g} s"
+        widget.grab()
+    widget.deleteLater()
+
+
+class _ConsoleWithoutRobot:
+    """Console of a panel under test: grants every request."""
+
+    scenario = Scenario("Test", PanelLeaf("plugin:test"))
+
+    def __init__(self) -> None:
+        self.following: list[tuple[type[Any], Callable[[Any], None]]] = []
+
+    def follow(self, kind: type[Any], show: Callable[[Any], None]) -> None:
+        assert kind in BY_TYPE, f"{kind.__name__} is no stream and no event"
+        self.following.append((kind, show))
+
+    def request(self, intent: Intent) -> str:
+        assert isinstance(intent, REQUESTS), f"a panel cannot request {type(intent).__name__}"
+        return ""
 
 
 def _follow(

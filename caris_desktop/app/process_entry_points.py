@@ -37,14 +37,13 @@ def speech(connection: Connection) -> None:
 
 
 def microphone(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.microphone_process import run_microphone
+    from caris_desktop.conversation.sound_devices import run_microphone
 
     run_microphone(connection, *arguments)
 
 
 def recogniser(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.listening.recogniser import run_recogniser
-    from caris_desktop.conversation.listening.words_thread import WORDS_THREAD
+    from caris_desktop.conversation.listening.recogniser import WORDS_THREAD, run_recogniser
 
     run_recogniser(connection, *arguments)
     if any(thread.name == WORDS_THREAD for thread in threading.enumerate()):
@@ -55,7 +54,7 @@ def recogniser(connection: Connection, *arguments: Any) -> None:
 
 
 def playback(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.sound.playback_process import run_playback
+    from caris_desktop.conversation.sound_devices import run_playback
 
     run_playback(connection, *arguments)
 
@@ -67,7 +66,7 @@ def language_model(connection: Connection, model: str = "") -> None:
 
 
 def model_addition(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.model_addition import run_model_addition
+    from caris_desktop.conversation.speech_checks import run_model_addition
 
     run_model_addition(connection, *arguments)
 

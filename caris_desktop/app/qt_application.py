@@ -1,15 +1,17 @@
 """The single QApplication of a program with a window."""
 
 import ctypes
+import gc
 import logging
 import os
 import sys
 import time
 
-from PySide6.QtCore import QMessageLogContext, QtMsgType, qInstallMessageHandler
+from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, qInstallMessageHandler
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.ui.theme import SCALES
 
 _CORES_TO_PAINT_WITH = 4
@@ -87,3 +89,34 @@ def _end() -> None:
 
 # Xlib keeps no reference to it.
 _on_x_error = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda _display: _end())
+
+
+_EVERY_MS = 250
+
+
+class GarbageCollector(QObject):
+    """Runs Python's cyclic garbage collector in the GUI thread, as often as Python would.
+
+    By default Python collects in whichever thread allocates next. Qt objects in a cycle would be destroyed there, and
+    Qt crashes at their next event.
+    """
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._was_enabled = gc.isenabled()
+        gc.disable()
+        self._timer = new_timer(self, self._collect)
+        self._timer.start(_EVERY_MS)
+
+    def stop(self) -> None:
+        """Restore automatic collection."""
+        self._timer.stop()
+        if self._was_enabled:
+            gc.enable()
+
+    def _collect(self) -> None:
+        # Collecting a generation includes the younger ones.
+        for generation in (2, 1, 0):
+            if gc.get_count()[generation] > gc.get_threshold()[generation]:
+                gc.collect(generation)
+                break

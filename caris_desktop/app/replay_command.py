@@ -23,31 +23,29 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
-from caris_desktop.app.qt_application import end_with_screen, forget_screen, the_application
-from caris_desktop.app.saved_settings import SavedSettings
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
+from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
+from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.garbage_collection import GarbageCollector
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.recovery import needs_repair
-from caris_desktop.recording.session.session_header import is_session
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.robot.profile import RobotProfile, parse_profile
+from caris_desktop.recording.session.session_header import SessionError, is_session
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.robot.profile import parse_profile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, checked_layout
-from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
+from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")

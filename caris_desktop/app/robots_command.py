@@ -10,14 +10,8 @@ from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.robot.discovery import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
-from caris_desktop.robot.profile import (
-    ProfileError,
-    check_address,
-    list_profiles,
-    profile_file_name,
-    save_profile,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import list_profiles, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, check_address
 from caris_desktop.robot.profile_proposal import profile_of
 
 _MARKS = {"good": "ok  ", "quiet": "..  ", "slow": "SLOW", "nothing": "NONE", "wrong": "FIX "}

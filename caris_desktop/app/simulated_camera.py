@@ -11,9 +11,8 @@ class SimulatedCamera:
     """Camera at the simulated robot's start position, in its own rooms, without a moving robot."""
 
     def __init__(self, _chosen: ChosenCamera) -> None:
-        from caris_desktop.simulator.camera_model import HEIGHT_PX, RATE_HZ, WIDTH_PX
         from caris_desktop.simulator.picture import Painter
-        from caris_desktop.simulator.robot_simulation import Robot
+        from caris_desktop.simulator.robot_simulation import HEIGHT_PX, RATE_HZ, WIDTH_PX, Robot
 
         self.width_px, self.height_px = WIDTH_PX, HEIGHT_PX
         self.fps: float | None = RATE_HZ

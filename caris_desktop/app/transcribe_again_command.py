@@ -9,20 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
-from caris_desktop.conversation.listening.engine import NoEngineError
-from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.engines import LocalEngine, NoEngineError
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.sound.resampling import resampled
+from caris_desktop.conversation.resampling import resampled
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES
-from caris_desktop.live.study_jobs import JobError, Progress
-from caris_desktop.perception.inference_messages import default_threads
+from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
 from caris_desktop.recording.csv_cells import SHOWN
 from caris_desktop.recording.session.media_files import wav_layout
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import AudioInfo, SessionError, inside
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.table_files import transcripts_folder
 
 _RATE_HZ = 16_000
@@ -59,9 +56,8 @@ _open_engine = functools.lru_cache(maxsize=1)(LocalEngine)  # for all sessions o
 
 def _transcribe(arguments: argparse.Namespace, session: Session, progress: Progress) -> dict[str, object]:
     model = "" if arguments.model is None else str(arguments.model.absolute())
-    threads = arguments.threads or default_threads()
     engine = _open_engine(
-        RecogniserSettings(model=model, language=arguments.language, threads=threads, allow_download=False)
+        RecogniserSettings(model=model, language=arguments.language, threads=arguments.threads, allow_download=False)
     )
     name = re.sub(r"[^A-Za-z0-9.-]+", "-", f"{engine.model}-{engine.language}").strip(".-")
     target = transcripts_folder(session.folder) / f"{name}.csv"

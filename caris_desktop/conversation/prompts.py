@@ -94,7 +94,16 @@ def context_lines(along: ContextPart) -> dict[str, str]:
     objects = [_counted(name, number) for name, number in Counter(along.things).most_common(MAX_THINGS)]
     if objects:
         lines["things"] = f"In view: {quoted(', '.join(objects), MAX_THINGS * MAX_LABEL_CHARACTERS)}."
-    notes = _newest_notes(along.notes)
+    newest: list[str] = []
+    left = MAX_NOTES_CHARACTERS
+    for note in reversed(along.notes):
+        if note.strip():
+            text = quoted(note, MAX_NOTE_CHARACTERS)
+            left -= len(text)
+            if left < 0:
+                break
+            newest.append(text)
+    notes = newest[::-1]
     if notes:
         lines["notes"] = f"Notes: {' '.join(notes)}"
     return lines
@@ -141,19 +150,6 @@ def _reported_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
             break
         reported.append((turn, text))
     return reported[::-1]
-
-
-def _newest_notes(notes: Sequence[str]) -> list[str]:
-    newest: list[str] = []
-    left = MAX_NOTES_CHARACTERS
-    for note in reversed(notes):
-        if note.strip():
-            text = quoted(note, MAX_NOTE_CHARACTERS)
-            left -= len(text)
-            if left < 0:
-                break
-            newest.append(text)
-    return newest[::-1]
 
 
 def _counted(name: str, number: int) -> str:

@@ -1,22 +1,48 @@
-"""Pre-session checks of the language model and of speech output."""
+"""Pre-session checks of language models and of speech output, and the process that adds a model of the user."""
 
 import asyncio
 import logging
+import os
 import queue
+import secrets
 import time
 from contextlib import aclosing
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
-from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, SLOTS, missing_for_embedded
+from caris_desktop.conversation.embedded_server import (
+    INSTALL_EMBEDDED,
+    SLOTS,
+    EmbeddedFailed,
+    ModelAdded,
+    embedded_problem,
+    missing_for_embedded,
+    serve_model,
+)
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.embedded_models import find_added, served_name
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
+from caris_desktop.conversation.models.embedded_models import (
+    NOT_ADDED,
+    find_added,
+    inspect_model,
+    model_name,
+    store_model,
+)
+from caris_desktop.conversation.models.endpoint import (
+    EMBEDDED_KEY,
+    LanguageModelError,
+    ModelEndpoint,
+    resolve_endpoint,
+    served_name,
+    shortened,
+)
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.spoken_text import spoken
+from caris_desktop.conversation.synthesis import VoiceEngine
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
-from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
+from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
@@ -121,3 +147,49 @@ def probe_sound() -> ProbeResult:
                     _log.error("the voice engine sent %r", event)
     finally:
         engine.close()
+
+
+_NICENESS = 10
+
+
+def run_model_addition(connection: Connection, file: Path, name: str = "") -> None:
+    """Process entry point: check the file, ask the model a question and copy it.
+
+    It sends ModelAdded or EmbeddedFailed once, and ends at once with the server's threads. It is a process of its own,
+    since a file from elsewhere may end the library that reads it.
+    """
+    step_back(_NICENESS)
+    message: ModelAdded | EmbeddedFailed
+    try:
+        message = _add(file, name)
+    except LanguageModelError as error:
+        _log.info("%s was not added: %s", file, error)
+        message = EmbeddedFailed(embedded_problem(error))
+    except Exception as error:
+        _log.exception("%s was not added", file)
+        message = EmbeddedFailed(embedded_problem(error))
+    try:
+        connection.send(message)
+        connection.close()
+    except OSError:
+        _log.info("the console is gone")
+    logging.shutdown()
+    os._exit(0)
+
+
+def _add(file: Path, name: str) -> ModelAdded:
+    name = model_name(file, name)
+    found = inspect_model(file)
+    key = os.environ[EMBEDDED_KEY] = secrets.token_urlsafe(32)
+    try:
+        server = serve_model(key, name, file)
+    except RuntimeError as error:
+        raise LanguageModelError(
+            localized(QT_TR_NOOP("{name} cannot be loaded ({error})."), name=file.name, error=error), NOT_ADDED,
+            QT_TR_NOOP("Its kind of model may be newer than this program: update it, or choose another model."),
+        ) from error  # fmt: skip
+    answer = probe_language_model(f"embedded:{name}", local_only=True, embedded_url=str(server.listening_address))
+    if not answer.ok:
+        raise LanguageModelError(answer.text, NOT_ADDED, answer.advice)
+    model, checksum = store_model(file, name)
+    return ModelAdded(model.name, found.title, found.size_bytes, found.memory_bytes, checksum, answer.text)

@@ -1,5 +1,6 @@
 """Interface of voices and recognisers for plug-ins of the group ``caris_desktop.speech``, and their processes."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Protocol
 
@@ -60,30 +61,25 @@ class SpeechPlugin(Protocol):
 def open_speech(name: str, language: str) -> tuple[PluginProcess, Plugin]:
     """Start the process of the plug-in that a scenario calls ``name``. Raises PluginError."""
     plugin = find("speech", name.removeprefix(PLUGIN))
-    return PluginProcess(plugin, _Host(plugin, language), load_within_s=LOAD_SPEECH_WITHIN_S), plugin
+    return PluginProcess(plugin, functools.partial(_host, plugin, language), load_within_s=LOAD_SPEECH_WITHIN_S), plugin
 
 
-class _Host:
+def _host(plugin: Plugin, language: str, make: Callable[..., SpeechPlugin]) -> Callable[..., Any]:
     """Host of a speech plug-in in its process."""
+    made = make(language=language)
 
-    def __init__(self, plugin: Plugin, language: str) -> None:
-        self._plugin, self._language = plugin, language
+    def answer(
+        _report: object, request: str, values: Sequence[Any] = (), settings: dict[str, Any] | None = None
+    ) -> Any:
+        match request:
+            case "speak":
+                return checked_sound(plugin, made.speak(*values, **(settings or {})))
+            case "transcribe":
+                seconds = len(values[0]) / _RECOGNISER_RATE_HZ
+                return checked_words(plugin, made.transcribe(*values, **(settings or {})), seconds)
+        return made.rate_hz
 
-    def __call__(self, make: Callable[..., SpeechPlugin]) -> Callable[..., Any]:
-        made = make(language=self._language)
-
-        def answer(
-            _report: object, request: str, values: Sequence[Any] = (), settings: dict[str, Any] | None = None
-        ) -> Any:
-            match request:
-                case "speak":
-                    return checked_sound(self._plugin, made.speak(*values, **(settings or {})))
-                case "transcribe":
-                    seconds = len(values[0]) / _RECOGNISER_RATE_HZ
-                    return checked_words(self._plugin, made.transcribe(*values, **(settings or {})), seconds)
-            return made.rate_hz
-
-        return answer
+    return answer
 
 
 def checked_rate(plugin: Plugin, rate_hz: object) -> int:

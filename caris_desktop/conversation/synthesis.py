@@ -1,14 +1,21 @@
 """Speech synthesis process: queues utterances, reports their progress, and paces them without sound output."""
 
+import json
 import logging
+import os
 import queue
+import shutil
+import subprocess
+import sys
+import tempfile
 import threading
 import unicodedata
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from multiprocessing.connection import Connection
-from typing import Any, Literal
+from pathlib import Path
+from typing import IO, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +33,7 @@ from caris_desktop.conversation.synthesis_messages import (
     UseVoice,
     VoicesFound,
 )
-from caris_desktop.conversation.voices.engine_process import VoiceEngine
-from caris_desktop.conversation.voices.installed_voices import GET_PIPER_VOICES
+from caris_desktop.conversation.voices.voice_selection import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
@@ -38,6 +44,82 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
+_PACKAGE_PARENT = Path(__file__).resolve().parents[2]
+
+VOICE_FOLDER = "caris-voice-"
+"""How the names of temporary folders begin in which a voice renders sound."""
+EngineInbox = queue.SimpleQueue[tuple[int, Any]]
+
+
+class VoiceEngine:
+    """Engine process. Events arrive in ``inbox`` as (number, dict), with audio under ``sound``; None at its end."""
+
+    def __init__(self, settings: SynthesisSettings, inbox: EngineInbox, *, number: int, look: bool) -> None:
+        search_path = [str(_PACKAGE_PARENT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        self.number = number
+        self._inbox = inbox
+        self._folder = tempfile.mkdtemp(prefix=VOICE_FOLDER)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "caris_desktop.conversation.voice_engine"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(search_path), "PYTHONIOENCODING": "utf-8"},
+        )
+        for stream, read in ((self._process.stdout, self._read_events), (self._process.stderr, self._log_noise)):
+            threading.Thread(target=read, args=(stream,), name=f"engine-{number}", daemon=True).start()
+        self._send({**asdict(settings), "look": look, "files_folder": self._folder})
+
+    def send(self, do: str, **values: Any) -> None:
+        """Send a command: say (its ``number`` returns with the audio, maybe after cancellation), tune, silence, prepare
+        or draft.
+        """
+        self._send({"do": do, **values})
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def close(self, *, grace_s: float = 0.5) -> None:
+        """Let it clean up, then kill it."""
+        if self._process.stdin is not None:
+            try:
+                self._process.stdin.close()
+            except BrokenPipeError:
+                _log.debug("the voice engine was gone already")
+        try:
+            self._process.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            _log.debug("the voice engine is killed")
+        self.kill()
+
+    def _send(self, command: dict[str, Any]) -> None:
+        """Send a command; a dead engine is noticed in the inbox, not here."""
+        stdin = self._process.stdin
+        assert stdin is not None  # noqa: S101 - asked for above
+        try:
+            stdin.write(json.dumps(command).encode() + b"\n")
+            stdin.flush()
+        except (BrokenPipeError, ValueError):
+            _log.info("the voice engine takes no more commands")
+
+    def _read_events(self, stdout: IO[bytes]) -> None:
+        for line in stdout:
+            if not line.endswith(b"\n"):
+                break
+            event = json.loads(line)
+            sound = stdout.read(event["bytes"])
+            if len(sound) < event["bytes"]:
+                break
+            self._inbox.put((self.number, {**event, "sound": sound}))
+        self._inbox.put((self.number, None))
+
+    def _log_noise(self, stderr: IO[bytes]) -> None:
+        for line in stderr:
+            if not line.startswith(b"Audio saved to"):
+                _log.info("voice engine: %s", line.decode("utf-8", "replace").rstrip())
+
 
 MAX_UTTERANCE_CHARACTERS = 1000
 UNHEARD = QT_TR_NOOP("not heard: this computer has no sound output")
@@ -154,7 +236,7 @@ class _Synthesis:
     def __init__(
         self, connection: Connection, deadlines: SynthesisDeadlines, inbox: "queue.SimpleQueue[tuple[int, Any]]"
     ) -> None:
-        self._connection = connection
+        self._send = connection.send
         self._settings = SynthesisSettings()
         self._deadlines = deadlines
         self._inbox = inbox
@@ -209,7 +291,9 @@ class _Synthesis:
             case Prepare(texts):
                 self._prepare(texts)
             case Draft(text):
-                self._draft(text)
+                spoken = speakable(text)
+                if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
+                    self._engine.send("draft", text=spoken)
             case CloseSynthesis():
                 self._closed = True
                 self._silenced_by = CONSOLE
@@ -226,7 +310,7 @@ class _Synthesis:
         before, self._settings = self._settings, settings
         changed = not settings.tunes(before)
         if self._engine is not None and not changed:
-            self._engine.tune(settings.rate, settings.volume)
+            self._engine.send("tune", rate=settings.rate, volume=settings.volume)
         elif self._now is not None:
             self._outdated = True
         else:
@@ -242,12 +326,7 @@ class _Synthesis:
                 chosen.append(text)
         self._to_prepare = tuple(chosen)
         if self._engine is not None:
-            self._engine.prepare(self._to_prepare)
-
-    def _draft(self, text: str) -> None:
-        spoken = speakable(text)
-        if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
-            self._engine.draft(spoken)
+            self._engine.send("prepare", texts=self._to_prepare)
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
@@ -269,7 +348,7 @@ class _Synthesis:
         elif self._phase == "pacing":
             self._end("interrupted", clock.now_ns())
         elif self._phase != "silencing" and self._engine is not None:
-            self._engine.silence()
+            self._engine.send("silence")
             self._enter("silencing", self._deadlines.silence_s)
 
     def _start_engine(self, *, look: bool = True) -> None:
@@ -281,7 +360,7 @@ class _Synthesis:
         if settings.voice in self._plugins_off:
             settings = replace(settings, voice="")
         self._engine = VoiceEngine(settings, self._inbox, number=self._engines, look=look)
-        self._engine.prepare(self._to_prepare)
+        self._engine.send("prepare", texts=self._to_prepare)
         self._enter("starting", self._deadlines.start_s)
 
     def _go_on(self) -> None:
@@ -301,7 +380,7 @@ class _Synthesis:
         self._sound = _SynthesisedSound(self._now)
         text = speakable(self._now.text)
         self._number += 1
-        engine.say(text, self._number)
+        engine.send("say", text=text, number=self._number)
         self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(text))
 
     def _on_engine(self, event: dict[str, Any] | None) -> None:
@@ -508,9 +587,6 @@ class _Synthesis:
                 person_id=utterance.person_id,
             )
         )
-
-    def _send(self, message: object) -> None:
-        self._connection.send(message)
 
     def _enter(self, phase: _Phase, within_s: float | None) -> None:
         self._phase = phase

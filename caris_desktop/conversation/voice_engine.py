@@ -17,11 +17,13 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.utterance_sound import (
     RenderingStoppedError,
     Samples,
@@ -32,7 +34,7 @@ from caris_desktop.conversation.voices.utterance_sound import (
     trimmed,
     words_of,
 )
-from caris_desktop.conversation.voices.voice_selection import VoiceChoice, every_voice, open_voice
+from caris_desktop.conversation.voices.voice_selection import every_voice, open_voice
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.process_title import title_process
 
@@ -440,20 +442,11 @@ class _Engine:
         self._silenced = threading.Event()
         self._woken = threading.Event()
         self._rendering: Rendering | None = None
-        self._to_prepare: list[str] = []
-        self._draft = ""
-        self._tuned: tuple[float, float] | None = None
+        self._latest: dict[str, tuple[Any, ...]] = {}  # of each command that lasts, also before the voice is loaded
 
     def run(self, settings: dict[str, Any], folder: Path) -> None:
         threading.Thread(target=self._read, args=(folder,), name="commands", daemon=True).start()
-        choice = VoiceChoice(
-            settings["voice"],
-            settings["language"],
-            settings["rate"],
-            settings["volume"],
-            settings["folder"],
-            settings["at_hand"],
-        )
+        choice = SynthesisSettings(**{each.name: settings[each.name] for each in fields(SynthesisSettings)})
         try:
             voice, why_not = open_voice(choice, folder, self._report_switched_off)
         except Exception as error:
@@ -462,10 +455,8 @@ class _Engine:
             return
         rendering = self._rendering = Rendering(voice)
         threading.Thread(target=rendering.run, name="rendering", daemon=True).start()
-        rendering.prepare(self._to_prepare)
-        rendering.draft(self._draft)
-        if self._tuned is not None:
-            rendering.tune(*self._tuned)
+        for do, values in tuple(self._latest.items()):
+            getattr(rendering, do)(*values)
         self._notify("ready", voice=voice.name, why_not=why_not)
         loudspeaker = Loudspeaker(settings["device"], awake=settings["at_hand"])
         if settings["look"]:
@@ -490,18 +481,10 @@ class _Engine:
                 case "silence":
                     self._silenced.set()
                     self._woken.set()
-                case "prepare":
-                    self._to_prepare = command["texts"]
+                case "prepare" | "draft" | "tune" as do:
+                    values = self._latest[do] = tuple(value for name, value in command.items() if name != "do")
                     if self._rendering is not None:
-                        self._rendering.prepare(self._to_prepare)
-                case "draft":
-                    self._draft = command["text"]
-                    if self._rendering is not None:
-                        self._rendering.draft(self._draft)
-                case "tune":
-                    self._tuned = (command["rate"], command["volume"])
-                    if self._rendering is not None:
-                        self._rendering.tune(*self._tuned)
+                        getattr(self._rendering, do)(*values)
                 case "say":
                     # Cleared here, in command order, so that a later silence command is never lost.
                     self._silenced.clear()
@@ -562,7 +545,7 @@ class _Engine:
     def _report_switched_off(self, error: PluginError) -> None:
         self._notify("switched_off", plugin=error.plugin.name, package=error.plugin.package, reason=error.reason)
 
-    def _report_voices(self, choice: VoiceChoice, voice: Voice) -> None:
+    def _report_voices(self, choice: SynthesisSettings, voice: Voice) -> None:
         try:
             self._notify("voices", voices=every_voice(choice, voice))
         except Exception:

@@ -4,6 +4,7 @@ Acceptance does not depend on the Python version: 3.13 refuses certificates with
 ones lack (``VERIFY_X509_STRICT``). That adds no protection from an impostor; signer, name and dates are checked.
 """
 
+import contextlib
 import datetime
 import functools
 import hashlib
@@ -112,6 +113,21 @@ def fingerprint_bytes(fingerprint: str) -> bytes:
 def fingerprint_of(certificate: bytes) -> str:
     """Fingerprint as ``openssl x509 -noout -fingerprint -sha256`` writes it."""
     return hashlib.sha256(certificate).digest().hex(":").upper()
+
+
+def trusted_context(confirmed: str, host: str, port: int) -> ssl.SSLContext:
+    """Context for clients of a server, with the only fingerprint that the user ``confirmed``, if any. Raises OSError,
+    and ValueError where it is no fingerprint.
+    """
+    return confirmed_context(confirmed, host, port) if confirmed else client_context()
+
+
+def refusal_of(error: ssl.SSLError, host: str, port: int) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Reasons and advice as :func:`why_refused`, with the fingerprint of the server's certificate, empty if unknown."""
+    certificate = None
+    with contextlib.suppress(OSError, ValueError):
+        certificate = certificate_of(host, port)
+    return (*why_refused(error, host, certificate), "" if certificate is None else fingerprint_of(certificate))
 
 
 def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tuple[tuple[str, ...], tuple[str, ...]]:

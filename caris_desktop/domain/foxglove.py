@@ -116,7 +116,7 @@ def transforms_of(value: Any, at: Time) -> Message | None:
             x, y, z, w = map(_finite, model.optical_rotation())
             position = {"x": _finite(model.x_m), "y": _finite(model.y_m), "z": _finite(model.z_m)}
             rotation = {"x": x, "y": y, "z": z, "w": w}
-            return {"transforms": [_transform(at, BASE, _optical_frame(value.camera), position, rotation)]}
+            return {"transforms": [_transform(at, BASE, optical_frame(value.camera), position, rotation)]}
     return None
 
 
@@ -134,7 +134,8 @@ def _finite(number: float) -> float:
     return number if math.isfinite(number) else 0.0
 
 
-def _optical_frame(camera: str) -> str:
+def optical_frame(camera: str) -> str:
+    """Name of the frame that a camera's images are in."""
     return f"{camera}_optical_frame"
 
 
@@ -246,7 +247,7 @@ def _fill_lens(lens: sensing.CameraLens, at: Time) -> Message:
     fx, fy, cx, cy = map(_finite, (model.fx_px, model.fy_px, model.cx_px, model.cy_px))
     return {
         "timestamp": at,
-        "frame_id": _optical_frame(lens.camera),
+        "frame_id": optical_frame(lens.camera),
         "width": model.width_px,
         "height": model.height_px,
         "distortion_model": "plumb_bob",

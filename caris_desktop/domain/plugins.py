@@ -1,7 +1,7 @@
 """Plug-ins: code of others behind Python entry points, listed without importing it, and called under watch.
 
 A plug-in is imported and called only in child processes: of detection, of a language model, of a robot, of commands,
-and its own. Never in the console, a link or the recorder.
+and its own. Never in the console, a link or the recorder. Panels are the exception: a widget is part of the window.
 """
 
 import contextlib
@@ -24,7 +24,15 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 PluginGroup = Literal[
-    "trackers", "language_models", "detectors", "exporters", "measures", "speech", "cameras", "robots"
+    "trackers",
+    "language_models",
+    "detectors",
+    "exporters",
+    "measures",
+    "speech",
+    "cameras",
+    "robots",
+    "panels",
 ]
 GROUPS: tuple[PluginGroup, ...] = get_args(PluginGroup)
 INTERFACES: dict[PluginGroup, int] = dict.fromkeys(GROUPS, 1)
@@ -57,13 +65,32 @@ BUILT_IN: dict[PluginGroup, dict[str, str]] = {
         "file": "caris_desktop.perception.cameras.stream_camera:StreamCamera",
         "stream": "caris_desktop.perception.cameras.stream_camera:StreamCamera",
         "device": "caris_desktop.perception.cameras.device_camera:DeviceCamera",
-        "oak": "caris_desktop.perception.cameras.oak_camera:OakCamera",
-        "http": "caris_desktop.perception.cameras.open_camera:open_http",
+        "oak": "caris_desktop.perception.cameras.device_camera:OakCamera",
+        "http": "caris_desktop.perception.cameras.camera_process:open_http",
         "whep": "caris_desktop.perception.cameras.webrtc_camera:WebRtcCamera",
         "webrtc": "caris_desktop.perception.cameras.webrtc_camera:WebRtcCamera",
         "simulated": "caris_desktop.app.simulated_camera:SimulatedCamera",
     },
     "speech": {},  # those of the program are files of networks, the system's voices, and servers
+    "panels": {
+        name: f"caris_desktop.ui.panels.{name}_panel:{name.capitalize()}Panel"
+        for name in (
+            "video",
+            "map",
+            "drive",
+            "people",
+            "speak",
+            "conversation",
+            "assistant",
+            "session",
+            "robot",
+            "motion",
+            "photos",
+            "face",
+            "notes",
+            "diagnostics",
+        )
+    },
     "robots": {"ros2": "caris_desktop.robot.ros2_robot:Ros2Robot"},  # rosbridge itself is no plug-in
 }
 """The entry points of this program: also here, since they must be found without reading the metadata of packages."""

@@ -44,8 +44,8 @@ def union_members(hint: Any) -> tuple[Any, ...]:
 
 Known = Literal["gestures", "expressions", "robots", "faces", "trackers"]
 External = Literal[
-    "address", "camera", "language_model", "model", "network", "path", "robot", "recogniser", "tracker", "variable",
-    "voice",
+    "address", "camera", "language_model", "model", "network", "panel", "path", "robot", "recogniser", "tracker",
+    "variable", "voice",
 ]  # fmt: skip
 """How a value refers to something outside its file, which the user confirms before use."""
 
@@ -58,13 +58,13 @@ class FieldSpec(Value):
 
     ``noun`` is the name of one such value in messages. Numbers are bounded by ``at_least``, ``more_than`` and
     ``at_most``; text (in characters) and lists (in entries) by ``shortest`` and ``longest``. ``allowed`` says in words
-    what ``pattern`` means. An entry of a ``unique`` list occurs once. A ``quiet`` value is not written while it is the
-    default; a ``wanted`` one must be given despite its default. Keys are written by ``order``, then as declared, and
-    called ``key`` if the file has another word than the program. Forms use its ``title`` (else its key), in its
-    ``section``. ``prose`` may have paragraphs; a ``pressed`` value is a combination of keys. A value that ``refers`` is
-    a name in a list of the file (its keys, and that of the name), or one of the words ``else_one_of``. A value that
-    ``knows`` names something the program knows from elsewhere, and offers; an ``external`` one names something outside
-    the file.
+    what ``pattern`` means; beside words of a Literal, what else is allowed. An entry of a ``unique`` list occurs
+    once. A ``quiet`` value is not written while it is the default; a ``wanted`` one must be given despite its
+    default. Keys are written by ``order``, then as declared, and called ``key`` if the file has another word than
+    the program. Forms use its ``title`` (else its key), in its ``section``. ``prose`` may have paragraphs; a
+    ``pressed`` value is a combination of keys. A value that ``refers`` is a name in a list of the file (its keys,
+    and that of the name), or one of the words ``else_one_of``. A value that ``knows`` names something the program
+    knows from elsewhere, and offers; an ``external`` one names something outside the file.
 
     Keys of one group: this one is allowed only ``beside`` another. It is ``needed`` if another is present (``(key,)``,
     or ``(key, *words)``: with one of these words). It is used ``instead_of`` others, which are then not needed either.
@@ -162,8 +162,9 @@ class ValueForm(Value):
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """Values of a Literal, in their order; else empty."""
-        return get_args(self.kind) if get_origin(self.kind) is Literal else ()
+        """Values of a Literal, alone or beside other text, in their order; else empty."""
+        members = union_members(self.kind) or (self.kind,)
+        return next((get_args(member) for member in members if get_origin(member) is Literal), ())
 
     @property
     def scalars(self) -> tuple[Any, ...]:

@@ -60,7 +60,7 @@ def _schema(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
         schema: dict[str, Any] = {"$ref": form.elsewhere.schema}
     else:
         schema = _defined(form, definitions) if form.rule.noun else _bare(form, definitions)
-    allowed = f"Allowed: {form.rule.allowed}" if form.rule.allowed else ""
+    allowed = f"Allowed: {form.rule.allowed}" if form.rule.allowed and not form.choices else ""
     description = f"{description_of(form)} {allowed}".strip()
     return {**schema, "description": description} if description else schema
 
@@ -86,7 +86,8 @@ def _bare(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
     if form.is_free:
         return {"type": "object"}
     if choices := form.choices:
-        return {"enum": list(choices)} if len(choices) > 1 else {"const": choices[0]}
+        words = {"enum": list(choices)} if len(choices) > 1 else {"const": choices[0]}
+        return {"anyOf": [words, {"type": "string", "pattern": rule.pattern}]} if rule.pattern else words
     if (item := form.item) is not None:
         return _given(
             {"type": "array", "minItems": least or None, "maxItems": most, "uniqueItems": rule.unique},

@@ -139,9 +139,12 @@ def _value_problem(form: ValueForm, value: Any, path: KeyPath) -> str | None:
     if choices := form.choices:
         if any(value == choice and type(value) is type(choice) for choice in choices):
             return None
+        if rule.pattern and isinstance(value, str) and re.search(rule.pattern, value):
+            return None
         noun = rule.noun or next((part for part in reversed(path) if isinstance(part, str)), "value")
         unknown = tr("unknown {noun} {value}.").format(noun=tr(noun), value=quoted(value))
-        return f"{unknown} {allowed_words(str(value), [str(choice) for choice in choices])}"
+        words = [*map(str, choices), *([tr(rule.allowed)] if rule.pattern else ())]
+        return f"{unknown} {allowed_words(str(value), words)}"
     kinds = form.scalars
     if not any(_is_a(kind, value) for kind in kinds):
         return _wrong_kind(either([tr(_KIND_WORDS[kind]) for kind in kinds]), value, path, form)

@@ -1,15 +1,17 @@
-"""Background worker for file access and process exits, with results in the GUI thread."""
+"""Background worker for file access and process exits, with results in the GUI thread; and timers."""
 
+import asyncio
 import contextlib
 import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
@@ -134,3 +136,57 @@ def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[
                 tr("Try again; the log has the details."),
             ),
         )
+
+
+def new_timer(
+    parent: QObject,
+    on_timeout: Callable[[], object],
+    interval_ms: int = 0,
+    *,
+    single_shot: bool = False,
+    precise: bool = False,
+) -> QTimer:
+    """Timer that is not started. ``precise``: to the millisecond, instead of within 5 %."""
+    timer = QTimer(parent, singleShot=single_shot, interval=interval_ms)
+    if precise:
+        timer.setTimerType(Qt.TimerType.PreciseTimer)
+    timer.timeout.connect(on_timeout)
+    return timer
+
+
+# Asyncio event loop of the console, in its own thread.
+
+
+class AsyncioThread:
+    """Runs coroutines for the GUI thread; stop it before the program ends."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="asyncio", daemon=True)
+        self._thread.start()
+
+    def submit(self, coroutine: Coroutine[Any, Any, T]) -> "Future[T]":
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+
+    def stop(self, *, timeout_s: float = 2.0) -> None:
+        """Cancel running tasks and end the thread."""
+        if self._loop.is_closed():
+            return
+        self._loop.call_soon_threadsafe(self._cancel_all)
+        self._thread.join(timeout_s)
+
+    def _cancel_all(self) -> None:
+        tasks = asyncio.all_tasks(self._loop)
+        for task in tasks:
+            task.cancel()
+        if not tasks:
+            self._loop.stop()
+            return
+        gathered = asyncio.gather(*tasks, return_exceptions=True)
+        gathered.add_done_callback(lambda _done: self._loop.stop())
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.run_forever()
+        self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+        self._loop.close()

@@ -7,17 +7,17 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.streams import BY_TYPE, CARRIER_STREAMS, Delivery, ShownAs, StreamSpec, streams_voided_by
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.confirmed_files import ConfirmationNeededError
-from caris_desktop.live.service import Follows
 from caris_desktop.live.state import LiveState
 
 # UI throttle: limits the update rate of panels while the GUI thread is slow.
@@ -51,12 +51,9 @@ class UiThrottle(QObject):
         self._free = True
         self._ended = False
         # Fires after all repaints of a pass: posted events precede zero timers.
-        self._painted = QTimer(self, singleShot=True, interval=0)
-        self._painted.timeout.connect(self._on_painted)
-        self._rest = QTimer(self, singleShot=True)
-        self._rest.timeout.connect(self._on_rested)
-        self._held = QTimer(self, singleShot=True)
-        self._held.timeout.connect(self._on_held)
+        self._painted = new_timer(self, self._on_painted, 0, single_shot=True)
+        self._rest = new_timer(self, self._on_rested, single_shot=True)
+        self._held = new_timer(self, self._on_held, single_shot=True)
 
     def at_most_every(self, *, panels_s: float, picture_s: float) -> None:
         """Minimum intervals between passes, whatever their duration; 0 for none."""
@@ -146,7 +143,7 @@ class Bus(QObject):
             for each in types:
                 self._taps.setdefault(each, []).append(take)
 
-    def follow(self, follows: Follows) -> None:
+    def follow(self, follows: Mapping[type[Any], Callable[[Any], None]]) -> None:
         """Register functions by event type, called in the GUI thread before any panel."""
         for each, take in follows.items():
             self._followers.setdefault(each, []).append(take)
@@ -183,6 +180,10 @@ class Bus(QObject):
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
+    def inform(self, what: str, meaning: str, advice: str = "") -> None:
+        """Report the outcome of a command."""
+        self.problem("info", what, meaning, advice, cause=ANSWER)
+
     def answer(self, failure: UserFacingError, until: ProblemEnd = "") -> None:
         """Report that a command failed; with ``until`` the problem persists until then. An unconfirmed file leads to a
         question instead.
@@ -203,7 +204,10 @@ class Bus(QObject):
 
     def _take_in(self, shown_as: Collection[ShownAs]) -> None:
         events, latest = self._mailbox.drain(shown_as)
-        self._take_events(events)
+        for event in events:
+            for take in self._followers.get(type(event), ()):
+                take(event)
+            self._state.add(event)
         for value in latest:
             self._state.add(value)
 
@@ -213,12 +217,6 @@ class Bus(QObject):
         self._take_in(self._pace.may_begin(waiting))
         if self._mailbox.waiting - waiting:
             self._woken.emit()  # queued meanwhile without a wake-up
-
-    def _take_events(self, events: list[Any]) -> None:
-        for event in events:
-            for take in self._followers.get(type(event), ()):
-                take(event)
-            self._state.add(event)
 
 
 class Mailbox:

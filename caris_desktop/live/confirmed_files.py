@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import platformdirs
 
-from caris_desktop.conversation.models.embedded_models import served_name
+from caris_desktop.conversation.models.endpoint import served_name
 from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
@@ -29,14 +29,8 @@ from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import (
-    DEFAULT_ADDRESS,
-    ProfileError,
-    RobotProfile,
-    interface_names,
-    load_profile,
-    profile_file,
-)
+from caris_desktop.robot.profile import load_profile, profile_file
+from caris_desktop.robot.profile_model import DEFAULT_ADDRESS, ProfileError, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)
@@ -300,6 +294,9 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
         case "tracker":
             if text not in BUILT_IN["trackers"]:
                 yield _plugin("trackers", text, place)
+        case "panel":
+            if text.startswith("plugin:"):
+                yield _plugin("panels", text.partition(":")[2], place)
         case "camera":
             yield from _camera(text, place)
 

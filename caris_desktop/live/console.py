@@ -10,54 +10,84 @@ from typing import TypeVar
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
+from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.adapters import Adapters
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker, During
+from caris_desktop.domain.value_class import Value
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker, During
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
-from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.replay_video import DisplayFrames
-from caris_desktop.live.service import Handler, Service
+from caris_desktop.live.service import Handler, ProcessManager, Service, ServiceContext
 from caris_desktop.live.services.alarms_service import AlarmsService
-from caris_desktop.live.services.assistant_service import AssistantService
-from caris_desktop.live.services.cameras_service import CamerasService
-from caris_desktop.live.services.crash_recovery_service import CrashRecoveryService
+from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
+from caris_desktop.live.services.cameras_service import CameraSelection, CamerasService
+from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters, CrashRecoveryService
 from caris_desktop.live.services.drive_service import DriveService, HeadService
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.services.forgetting_service import ForgettingService
 from caris_desktop.live.services.listening_service import ListeningService
 from caris_desktop.live.services.load_shedding_service import HealthService, LoadSheddingService
-from caris_desktop.live.services.microphone_service import MicrophoneService
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneService
 from caris_desktop.live.services.people_service import (
+    PeopleAdapters,
     PeopleService,
     ResponseTimeService,
     SpeakersService,
     TranscriptService,
 )
 from caris_desktop.live.services.photos_service import PhotosService
-from caris_desktop.live.services.practice_service import PracticeService
+from caris_desktop.live.services.practice_service import PracticeAdapters, PracticeService
 from caris_desktop.live.services.preflight_service import PreflightService
 from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.services.recording_service import RecordingService
 from caris_desktop.live.services.robot_service import AnotherRobotService, RobotConnection, RobotService
-from caris_desktop.live.services.scenario_service import ScenarioService
-from caris_desktop.live.services.session_service import MarksService, SessionService, SessionServices
-from caris_desktop.live.services.sound_service import SoundService
+from caris_desktop.live.services.scenario_service import ScenarioAdapters, ScenarioService
+from caris_desktop.live.services.session_service import MarksService, SessionAdapters, SessionService, SessionServices
+from caris_desktop.live.services.sound_service import SoundAdapters, SoundService
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
 from caris_desktop.live.state import LiveState, StatusTap
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
+
+
+class RobotAdapters(Value):
+    """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises UserFacingError.
+    ``simulated`` as in AnotherRobotService.
+    """
+
+    choices: Callable[[], Sequence[RobotChoice]]
+    connect_to: Callable[[str], RobotConnection]
+    simulated: Callable[[Actor], None]
+
+
+class Adapters(Value):
+    """Adapters of a run, chosen in ``app``, per service."""
+
+    recorder: ProcessSpec
+    speech: ProcessSpec
+    speech_history: Path
+    people: PeopleAdapters
+    cameras: Callable[[Scenario], CameraSelection]
+    assistant: AssistantAdapters
+    scenario: ScenarioAdapters
+    robots: RobotAdapters
+    session: SessionAdapters
+    going_on: CrashRecoveryAdapters
+    practice: PracticeAdapters
+    microphone: MicrophoneAdapters
+    sound: SoundAdapters
+    listening: Callable[[Scenario], ProcessSpec]
+    forgetting: Callable[[str], ProcessSpec]
+
 
 T = TypeVar("T")
 
@@ -67,7 +97,6 @@ class Console(QObject):
 
     def __init__(self, parts: Adapters, scenario: Scenario, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._parts = parts
         self._shut_down = False
         state = self._state = LiveState(self)
         bus = self._bus = Bus(state, self)
@@ -80,79 +109,65 @@ class Console(QObject):
         bus.tap(self._shown_frames.add, (People,))
         to_read = RingsToRead((self._media_ring.name,))
 
-        self._scenario = ScenarioService(
-            state, bus, parts.scenario, scenario, slow_work, apply=self._apply, parent=self
-        )
-        recording = self._recording = RecordingService(
-            state, bus, children, parts.recorder, slow_work, rings=to_read, parent=self
-        )
-        cameras = CamerasService(state, bus, children, parts.cameras, slow_work, frames=self._frames, parent=self)
-        speakers = SpeakersService(state, bus, self)
-        self._people = PeopleService(
-            state, bus, parts.people, rings=to_read, who_speaks=speakers.who_speaks, parent=self
-        )
-        forgetting = ForgettingService(state, bus, children, parts.forgetting, then=self._people.decide, parent=self)
+        context = ServiceContext(state, bus, children, slow_work, self)
+        self._scenario = ScenarioService(context, parts.scenario, scenario, apply=self._apply)
+        recording = self._recording = RecordingService(context, parts.recorder, rings=to_read)
+        cameras = CamerasService(context, parts.cameras, frames=self._frames)
+        speakers = SpeakersService(context)
+        self._people = PeopleService(context, parts.people, rings=to_read, who_speaks=speakers.who_speaks)
+        forgetting = ForgettingService(context, parts.forgetting, then=self._people.decide)
         self._robot = RobotService(
-            state, self._media_ring,
-            new_child=self._new_link, publish=bus.publish, problem=bus.problem,
+            context, self._media_ring, new_child=self._new_link, selected_cameras=parts.cameras,
             before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self._asyncio,
-            selected_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._microphone = MicrophoneService(
-            state, bus, children, parts.microphone,
-            to_robot=self._robot.send_sound, hear_camera=cameras.hear, parent=self,
-        )  # fmt: skip
+            context, parts.microphone, to_robot=self._robot.send_sound, hear_camera=cameras.hear
+        )
         self._drive = DriveService(state, self._robot, scenario, self, publish=bus.publish, problem=bus.problem)
         head = HeadService(state, self._robot, self)
-        self._speech = SpeechService(state, bus, children, parts.speech, robot=self._robot, parent=self)
-        sound = SoundService(
-            state, bus, children, parts.sound,
-            microphones=self._microphone, robot=self._robot, speech=self._speech, parent=self,
-        )  # fmt: skip
-        listening = ListeningService(state, bus, children, parts.listening, parent=self)
-        transcript = TranscriptService(state, bus, self)
+        self._speech = SpeechService(context, parts.speech, robot=self._robot)
+        sound = SoundService(context, parts.sound, microphones=self._microphone, robot=self._robot, speech=self._speech)
+        listening = ListeningService(context, parts.listening)
+        transcript = TranscriptService(context)
         response_time = ResponseTimeService(bus, self)
-        speaking = SpeakingService(
-            state, bus, self._speech.queue, parts.speech_history, slow_work, do=self.do, parent=self
-        )
+        speaking = SpeakingService(context, self._speech.queue, parts.speech_history, do=self.do)
         assistant = AssistantService(
-            state, bus, children, parts.assistant,
-            asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario, parent=self,
-        )  # fmt: skip
-        proposals = ProposalsService(state, bus, assistant.client, do=self.do, parent=self)
+            context, parts.assistant, asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario
+        )
+        proposals = ProposalsService(context, assistant.client, do=self.do)
         suggestions = SuggestionsService(
-            state, bus, assistant.client, speech=self._speech.queue, proposals=proposals, scenario=scenario, parent=self
+            context, assistant.client, speech=self._speech.queue, proposals=proposals, scenario=scenario
         )
         marks = MarksService(state, bus.publish, self)
         alarms = AlarmsService(state, bus.publish, self)
         protocol = ProtocolService(state, bus.publish, self)
-        photos = PhotosService(
-            state, bus, slow_work, recording, assistant,
-            frames=self._shown_frames, study=parts.session.study, parent=self,
+        photos = PhotosService(context, recording, assistant, frames=self._shown_frames, study=parts.session.study)
+        going_on = CrashRecoveryService(
+            context, parts.going_on,
+            robot=self._robot, do=self.do, show_conversation=transcript.show_earlier,
         )  # fmt: skip
-        going_on = self._going_on = CrashRecoveryService(
-            state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self
-        )
         preflight = PreflightService(
-            state, bus.publish, slow_work,
-            disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
-        )  # fmt: skip
+            context, disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None
+        )
         self._session = SessionService(
-            state, parts.session, slow_work,
+            context, parts.session,
             SessionServices(
                 recording, self._microphone, marks, protocol, assistant, suggestions, self._robot, self._scenario,
                 going_on, preflight,
             ),
-            self,
         )  # fmt: skip
-        practice = PracticeService(state, bus, parts.practice, do=self.do, parent=self)
-        face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
-        governor = LoadSheddingService(state, bus, self._people, assistant.client, parent=self)
-        self._another_robot = AnotherRobotService(
-            bus, slow_work, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
-            robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
+        practice = PracticeService(context, parts.practice, do=self.do)
+        face = FaceService(context, self._asyncio, frames=self._shown_frames)
+        governor = LoadSheddingService(context, self._people, assistant.client)
+        another_robot = self._another_robot = AnotherRobotService(
+            context, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
+            robot=self._robot, drive=self._drive, recording=recording, people=self._people,
         )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)
+        self.check_before_recording, self.robots = self._session.check_before, parts.robots.choices
+        self.connect_robot = another_robot.connect_to  # from composition only, as use_robot
+        self.expect_end, self.expect_shutdown = going_on.expect_end, going_on.expect_shutdown
+        self.problem = bus.problem
 
         # Recording starts first and ends last, so that nothing is missing; the robot is stopped before all other
         # services.
@@ -160,7 +175,7 @@ class Console(QObject):
             recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
             speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
-            governor, self._another_robot, HealthService(state, lambda: self._services, self),
+            governor, another_robot, HealthService(state, lambda: self._services, self),
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)
@@ -195,16 +210,10 @@ class Console(QObject):
         """Folder of the current session, or of the last one."""
         return self._recording.session_folder
 
-    def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:
-        self._session.check_before(on_result)
-
     def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         self._slow_work.do(read, done, self._bus.answer if failed is None else failed)
-
-    def robots(self) -> Sequence[RobotChoice]:
-        return self._parts.robots.choices()
 
     def microphones(self) -> Sequence[str]:
         return self._microphone.names
@@ -242,10 +251,6 @@ class Console(QObject):
         """
         self._another_robot.use(find, actor, until=until)
 
-    def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect a robot from composition only, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
-        self._another_robot.connect_to(connection, actor)
-
     # Access for helpers outside the services
 
     @property
@@ -259,11 +264,9 @@ class Console(QObject):
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         return {name: pid for name, pid in pids.items() if pid is not None}
 
-    def problem(
-        self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
-    ) -> None:
-        """Report a problem to wizard and record; ``until`` and ``cause`` as in Problem."""
-        self._bus.problem(severity, what, meaning, advice, until=until, cause=cause)
+    def report(self, problem: Problem) -> None:
+        """Report a problem to wizard and record."""
+        self._bus.publish(problem)
 
     # Start and shutdown
 
@@ -274,14 +277,6 @@ class Console(QObject):
         self._gamepads.start()
         for service in self._services:
             service.start()
-
-    def expect_end(self) -> None:
-        """Register a requested quit, so that no crash recovery is offered afterwards."""
-        self._going_on.expect_end()
-
-    def expect_shutdown(self) -> None:
-        """Like :meth:`expect_end`, for a quit that can still be cancelled."""
-        self._going_on.expect_shutdown()
 
     def shutdown(self, during: During = lambda _what, work: work()) -> None:
         """Stop the robot, close the recording, end all threads and children, in that order.

@@ -16,10 +16,9 @@ from caris_desktop.domain.value_class import Value
 
 if TYPE_CHECKING:
     from caris_desktop.people.person_erasure import PersonToForget
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
-    from caris_desktop.recording.forgetting.review import Review
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
     from caris_desktop.recording.forgetting.study_erasure import Forgotten
-    from caris_desktop.recording.forgetting.text_erasure import Decision
+    from caris_desktop.recording.forgetting.text_erasure import Decision, Review
 # Implementation is imported late: the window opens sooner.
 
 _log = logging.getLogger(__name__)
@@ -63,8 +62,8 @@ class ForgettingEnded(Value):
 def person_of(request: ErasureRequest) -> tuple[PersonToForget, Review | None, bool]:
     """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
     from caris_desktop.people.person_erasure import PersonToForget, find_person
-    from caris_desktop.recording.forgetting.review import read_review
     from caris_desktop.recording.forgetting.study_erasure import unfinished_erasures
+    from caris_desktop.recording.forgetting.text_erasure import read_review
 
     review = None if request.review is None else read_review(request.review)
     known = find_person(request.database, request.who)
@@ -97,7 +96,7 @@ def forget(request: ErasureRequest, progress: Callable[[float, str], None] = lam
     UserFacingError.
     """
     from caris_desktop.people.person_erasure import erase, rewrite_texts
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
     from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
 
     person, review, known = person_of(request)

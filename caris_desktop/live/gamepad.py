@@ -9,20 +9,66 @@ import os
 import re
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import reduce
 from typing import Any, Final, Literal, get_args
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
+
+# Teleoperation command for base and head, and merging of several sources. Plain functions.
+
+
+class TeleopCommand(Value):
+    """Components of -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the
+    head.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+    pan: float = 0.0
+    tilt: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        return self != AT_REST
+
+    @property
+    def base(self) -> tuple[float, float, float]:
+        """(forward, left, turn)."""
+        return self.forward, self.left, self.turn
+
+    @property
+    def head(self) -> tuple[float, float]:
+        """(pan, tilt)."""
+        return self.pan, self.tilt
+
+    def limited_to(self, *, sideways: bool, head: bool) -> "TeleopCommand":
+        """Without motions that the robot lacks."""
+        limited = self if sideways else replace(self, left=0.0)
+        return limited if head else replace(limited, pan=0.0, tilt=0.0)
+
+
+AT_REST = TeleopCommand()
+
+
+def merged(wishes: Iterable[TeleopCommand]) -> TeleopCommand:
+    """Sum of commands, clamped to full speed; opposite ones cancel."""
+    forward = left = turn = pan = tilt = 0.0
+    for command in wishes:
+        forward, left, turn = forward + command.forward, left + command.left, turn + command.turn
+        pan, tilt = pan + command.pan, tilt + command.tilt
+    return TeleopCommand(*(max(-1.0, min(1.0, total)) for total in (forward, left, turn, pan, tilt)))
+
 
 # Gamepad mapping: bindings, dead zone, response curve, serialisation. Plain functions.
 #
@@ -515,9 +561,7 @@ class Gamepads(QObject):
         self._inbox = _Inbox(self._woken.emit)
         self._reader: _Reader | None = None
         self._woken.connect(self._process, Qt.ConnectionType.QueuedConnection)
-        self._watch = QTimer(self)
-        self._watch.setInterval(_CHECK_MS)
-        self._watch.timeout.connect(self._check_age)
+        self._watch = new_timer(self, self._check_age, _CHECK_MS)
 
     def start(self) -> None:
         """Start the reader thread; returns at once."""

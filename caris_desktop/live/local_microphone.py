@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.microphone_process import (
+from caris_desktop.conversation.sound_devices import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneLevel,
@@ -20,8 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager, localize_problem
-from caris_desktop.live.service import Restarts
+from caris_desktop.live.service import ProcessManager, Restarts, localize_problem
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
 

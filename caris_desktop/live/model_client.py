@@ -5,29 +5,30 @@ Streams run on the asyncio thread and report through signals.
 
 import asyncio
 import logging
+import os
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future
-from dataclasses import field
-from typing import Any, Literal, Protocol
+from dataclasses import field, replace
+from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.connection import model_version, models_here
+from caris_desktop.conversation.models.embedded_models import added_models
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, ollama_url, openai_url
 from caris_desktop.conversation.models.question import Cut
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.service import PANELS_FIRST_MS
 
 _log = logging.getLogger(__name__)
@@ -49,33 +50,6 @@ _CUT_WORDS: dict[Cut, str] = {
 StreamChat = Callable[..., AsyncIterator[str]]
 
 
-class AskVersion(Protocol):
-    """Protocol of :func:`model_version`."""
-
-    def __call__(self, endpoint: ModelEndpoint, /, *, local_only: bool) -> Awaitable[str]: ...
-
-
-class _Request(Value):
-    exchange_id: str
-    endpoint: ModelEndpoint
-    local_only: bool
-    model: str
-    messages: tuple[ChatMessage, ...]
-    recorded: tuple[ChatMessage, ...]
-    purpose: Purpose
-    max_tokens: int
-    temperature: float
-    schema: dict[str, Any] | None
-    jpegs: tuple[bytes, ...]
-    photo: str
-    turn_id: str
-    revision: int
-    requested_ns: int
-    seed: int | None
-    slot: int | None
-    actor: Actor
-
-
 @dataclass(slots=True)
 class _Response:
     """Response so far. Written on the asyncio thread, read from both."""
@@ -88,7 +62,11 @@ class _Response:
 
 
 class _Running(Value):
-    request: _Request
+    """``asked`` is the exchange without its answer; ``slot`` that of the embedded server."""
+
+    asked: LlmExchange
+    endpoint: ModelEndpoint
+    slot: int | None
     response: _Response
     future: Future[None]
     on_text: Callable[[str], None]
@@ -129,7 +107,7 @@ class ModelClient(QObject):
         publish: ValueSink,
         parent: QObject | None = None,
         *,
-        ask_version: AskVersion = model_version,
+        ask_version: Callable[..., Awaitable[str]] = model_version,
     ) -> None:
         super().__init__(parent)
         self._asyncio = asyncio_thread
@@ -144,8 +122,7 @@ class ModelClient(QObject):
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
         self._to_read: dict[Purpose, Callable[[], Sequence[ChatMessage]]] = {}
-        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
-        self._soon.timeout.connect(self._read_pending)
+        self._soon = new_timer(self, self._read_pending, PANELS_FIRST_MS, single_shot=True)
         self._grew.connect(self._on_grew)
         self._waits.connect(self._on_waits)
         self._ended.connect(self._on_ended)
@@ -224,7 +201,7 @@ class ModelClient(QObject):
             return None
         if purpose != "question":
             return REPLIES_SLOT
-        taken = [running.request.slot for running in self._running.values()]
+        taken = [running.slot for running in self._running.values()]
         return min((slot for slot in range(SLOTS) if slot != REPLIES_SLOT), key=taken.count)
 
     def use_none(self, reason: str) -> None:
@@ -260,40 +237,43 @@ class ModelClient(QObject):
         ``exchange_id`` is generated unless given.
         """
         if self._endpoint is None:
-            raise UserFacingError(
+            raise RefusedError(
                 QT_TR_NOOP("The assistant cannot answer now."),
                 QT_TR_NOOP("No question was sent."),
                 self._no_model_reason,
-                severity="warning",
             )
-        request = _Request(
+        endpoint, slot = self._endpoint, self._slot(purpose)
+        asked = LlmExchange(
+            stamp_ns=0,
             exchange_id=exchange_id or f"x-{secrets.token_hex(4)}",
-            endpoint=self._endpoint,
-            local_only=self._local_only,
+            provider=endpoint.provider,
             model=self._shown_as,
-            messages=tuple(messages),
-            recorded=tuple(messages if recorded is None else recorded),
-            purpose=purpose,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            schema=schema,
-            jpegs=tuple(jpegs),
+            messages=tuple(messages if recorded is None else recorded),
+            answer="",
+            outcome="answered",
+            asked_ns=clock.now_ns(),
+            first_token_ns=None,
+            parameters={"max_tokens": max_tokens, "temperature": temperature},
+            server=endpoint.server,
+            seed=secrets.randbelow(_SEEDS) if endpoint.takes_seed else None,
+            actor=actor,
             photo=photo,
+            purpose=purpose,
             turn_id=turn_id,
             revision=revision,
-            requested_ns=clock.now_ns(),
-            seed=secrets.randbelow(_SEEDS) if self._endpoint.takes_seed else None,
-            slot=self._slot(purpose),
-            actor=actor,
         )
         response = _Response()
-        future = self._asyncio.submit(self._exchange(request, response))
-        self._running[request.exchange_id] = _Running(request, response, future, on_text, on_wait, on_end)
-        if request.endpoint not in self._versions and (self._asking_version is None or self._asking_version.done()):
-            self._find_version(request.endpoint, local_only=request.local_only)
+        options = {
+            "local_only": self._local_only, "max_tokens": max_tokens, "temperature": temperature, "seed": asked.seed,
+            "jpegs": tuple(jpegs), "schema": schema, "slot": slot, "timeouts": _TIMEOUTS[purpose],
+        }  # fmt: skip
+        future = self._asyncio.submit(self._exchange(asked, endpoint, response, tuple(messages), options))
+        self._running[asked.exchange_id] = _Running(asked, endpoint, slot, response, future, on_text, on_wait, on_end)
+        if endpoint not in self._versions and (self._asking_version is None or self._asking_version.done()):
+            self._find_version(endpoint, local_only=self._local_only)
         if len(self._running) == 1:
             self.answering_changed.emit()
-        return Asking(self, request.exchange_id)
+        return Asking(self, asked.exchange_id)
 
     def cancel(self, exchange_id: str, reason: str) -> None:
         """Cancel an exchange; its ``on_end`` is called before this returns. No effect after the end."""
@@ -303,7 +283,7 @@ class ModelClient(QObject):
             # It may just have ended, with the signal still pending.
             self._conclude(
                 running.response.exchange
-                or _exchange(running.request, running.response, "cancelled", reason, self._version(running))
+                or self._ended_exchange(running.asked, running.endpoint, running.response, "cancelled", reason)
             )
 
     def cancel_all(self, reason: str) -> None:
@@ -312,9 +292,6 @@ class ModelClient(QObject):
             self.cancel(exchange_id, reason)
 
     # Version
-
-    def _version(self, running: "_Running") -> str:
-        return self._versions.get(running.request.endpoint, "")
 
     def _find_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
         self._asking_version = self._submit(self._store_version(endpoint, local_only=local_only))
@@ -333,7 +310,14 @@ class ModelClient(QObject):
 
     # Stream
 
-    async def _exchange(self, request: _Request, response: _Response) -> None:
+    async def _exchange(
+        self,
+        asked: LlmExchange,
+        endpoint: ModelEndpoint,
+        response: _Response,
+        messages: tuple[ChatMessage, ...],
+        options: dict[str, Any],
+    ) -> None:
         reported_ns = 0
         outcome: LlmOutcome = "answered"
         detail = ""
@@ -343,28 +327,21 @@ class ModelClient(QObject):
 
         try:
             async for piece in self._stream_chat(
-                request.endpoint,
-                request.messages,
-                local_only=request.local_only,
-                max_tokens=request.max_tokens,
-                temperature=request.temperature,
-                seed=request.seed,
-                jpegs=request.jpegs,
-                schema=request.schema,
-                slot=request.slot,
+                endpoint,
+                messages,
                 on_version=take_version,
-                on_wait=lambda reason: self._waits.emit(request.exchange_id, reason),
+                on_wait=lambda reason: self._waits.emit(asked.exchange_id, reason),
                 notes=response.notes,
-                timeouts=_TIMEOUTS[request.purpose],
+                **options,
             ):
                 now_ns = clock.now_ns()
                 if isinstance(piece, Withdrawn):
                     response.pieces.clear()
                 response.first_token_ns = response.first_token_ns or now_ns
                 response.pieces.append(piece)
-                if now_ns - reported_ns >= _REPORT_EVERY_NS[request.purpose]:
+                if now_ns - reported_ns >= _REPORT_EVERY_NS[asked.purpose]:
                     reported_ns = now_ns
-                    self._grew.emit(request.exchange_id, "".join(response.pieces))
+                    self._grew.emit(asked.exchange_id, "".join(response.pieces))
         except asyncio.CancelledError:
             outcome, detail = "cancelled", QT_TR_NOOP("cancelled because the program closed")
         except LanguageModelError as error:
@@ -377,7 +354,7 @@ class ModelClient(QObject):
             )
         if outcome == "answered":
             detail = _CUT_WORDS[response.notes.cut]
-        exchange = _exchange(request, response, outcome, detail, self._versions.get(request.endpoint, ""))
+        exchange = self._ended_exchange(asked, endpoint, response, outcome, detail)
         if outcome != "cancelled":
             response.exchange = exchange
         self._ended.emit(exchange)
@@ -403,30 +380,81 @@ class ModelClient(QObject):
         if not self._running:
             self.answering_changed.emit()
 
+    def _ended_exchange(
+        self, asked: LlmExchange, endpoint: ModelEndpoint, response: _Response, outcome: LlmOutcome, detail: str
+    ) -> LlmExchange:
+        left_out = response.notes.left_out
+        return replace(
+            asked,
+            stamp_ns=clock.now_ns(),
+            answer="".join(response.pieces).strip(),
+            outcome=outcome,
+            first_token_ns=response.first_token_ns,
+            parameters={
+                name: value for name, value in asked.parameters.items() if name != "temperature" or name not in left_out
+            },
+            detail=detail,
+            model_version=response.version or self._versions.get(endpoint, ""),
+            seed=None if "seed" in left_out else asked.seed,
+            cut=response.notes.cut if outcome == "answered" else "",
+        )
 
-def _exchange(request: _Request, response: _Response, outcome: LlmOutcome, detail: str, version: str) -> LlmExchange:
-    parameters: dict[str, float | int | str] = {"max_tokens": request.max_tokens}
-    if "temperature" not in response.notes.left_out:
-        parameters["temperature"] = request.temperature
-    return LlmExchange(
-        stamp_ns=clock.now_ns(),
-        exchange_id=request.exchange_id,
-        provider=request.endpoint.provider,
-        model=request.model,
-        messages=request.recorded,
-        answer="".join(response.pieces).strip(),
-        outcome=outcome,
-        asked_ns=request.requested_ns,
-        first_token_ns=response.first_token_ns,
-        parameters=parameters,
-        detail=detail,
-        model_version=response.version or version,
-        server=request.endpoint.server,
-        seed=None if "seed" in response.notes.left_out else request.seed,
-        actor=request.actor,
-        photo=request.photo,
-        purpose=request.purpose,
-        turn_id=request.turn_id,
-        revision=request.revision,
-        cut=response.notes.cut if outcome == "answered" else "",
-    )
+
+# Language models offered by servers on this computer, listed in the background.
+
+
+_FIRST_AFTER_MS = 3000
+_EVERY_MS = 60_000
+ListModels = Callable[[], Coroutine[Any, Any, tuple[str, ...]]]
+
+
+async def local_models() -> tuple[str, ...]:
+    """Models that the user added, and those of local Ollama and OpenAI-compatible servers, named as in a scenario.
+
+    No other server is queried. Each has five seconds.
+    """
+    found = [f"embedded:{model.name}" for model in added_models()]
+    for provider, url in (("ollama", ollama_url), ("openai", openai_url)):
+        try:
+            endpoint = ModelEndpoint("ollama" if provider == "ollama" else "openai", url(os.environ), "")
+        except LanguageModelError:
+            continue  # reported when such a model is chosen
+        found += [f"{provider}:{name}" for name in await models_here(endpoint)]
+    return tuple(found)
+
+
+class ModelLists(QObject):
+    """Refreshes the list every minute; ``found`` reports changes."""
+
+    found = Signal()
+    _listed = Signal(object)
+
+    def __init__(self, asyncio_thread: AsyncioThread, list_models: ListModels, parent: QObject) -> None:
+        super().__init__(parent)
+        self._asyncio = asyncio_thread
+        self._list_models = list_models
+        self.models: tuple[str, ...] = ()
+        self._timer = new_timer(self, self._query, single_shot=True)
+        self._listed.connect(self._on_listed)
+
+    def start(self) -> None:
+        if not self._timer.isActive():
+            self._timer.start(_FIRST_AFTER_MS)
+
+    def refresh(self) -> None:
+        self._timer.start(0)
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def _query(self) -> None:
+        self._timer.start(_EVERY_MS)
+        self._asyncio.submit(self._list())
+
+    async def _list(self) -> None:
+        self._listed.emit(await self._list_models())
+
+    def _on_listed(self, models: tuple[str, ...]) -> None:
+        if models != self.models:
+            self.models = models
+            self.found.emit()

@@ -4,13 +4,12 @@ import os
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
+from caris_desktop.conversation.models.connection import models_here
 from caris_desktop.conversation.models.embedded_models import added_models
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, ollama_url, openai_url
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import models_here
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, ollama_url, openai_url
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 
 _FIRST_AFTER_MS = 3000
 _EVERY_MS = 60_000
@@ -43,8 +42,7 @@ class ModelLists(QObject):
         self._asyncio = asyncio_thread
         self._list_models = list_models
         self.models: tuple[str, ...] = ()
-        self._timer = QTimer(self, singleShot=True)
-        self._timer.timeout.connect(self._query)
+        self._timer = new_timer(self, self._query, single_shot=True)
         self._listed.connect(self._on_listed)
 
     def start(self) -> None:

@@ -7,7 +7,9 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, QThread, Signal, Slot
@@ -30,13 +32,12 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import PluginWatch, localize_problem
-from caris_desktop.live.service import Restarts
+from caris_desktop.live.service import PluginWatch, Restarts, localize_problem
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
-from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PresenceTracker, RecognitionSettings
+from caris_desktop.people.visit_log import Portraits
 from caris_desktop.perception.camera_schedule import (
     OTHERS_EVERY_NS,
     TO_COVER_EVERY_NS,
@@ -80,7 +81,9 @@ class PerceptionWorker(QObject):
         self._open_presence = open_presence
         self._publish = publish
         self._portraits = Portraits() if portraits is None else portraits
-        self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._inputs: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        """What is to be done in the worker's thread."""
+        self._presence: PresenceTracker
         self._turns_lock = threading.Lock()
         self._turns = CameraRotation()
         self._detection_rates = DetectionRate()
@@ -98,6 +101,11 @@ class PerceptionWorker(QObject):
         self._faces = self._to_cover = False
         self._watch = PluginWatch()
         self._plugins_off: tuple[Plugin, ...] = ()
+        self._recognition: tuple[RecognitionSettings, bool] = (RecognitionSettings(), True)
+        self._consents_again = self._practising = self._stopped = False
+        self._ready = self._busy = False
+        self._pending: FrameRef | None = None
+        self._requested_ns = 0
 
     @property
     def name(self) -> str:
@@ -111,14 +119,14 @@ class PerceptionWorker(QObject):
 
     def use_body(self, body: ProcessSpec) -> None:
         """Restart inference with another detector or on another machine."""
-        self._inputs.put(_UseBody(body))
+        self._inputs.put(partial(self._use_body, body))
 
     def offer(self, ref: FrameRef) -> None:
         """Offer a new frame, which replaces an unused one of its camera."""
         with self._turns_lock:
             detection_due = self._turns.offer(ref, now_ns=clock.now_ns())
         if detection_due:
-            self._inputs.put(_FRAME_WAITS)
+            self._inputs.put(lambda: None)
 
     def show_camera(self, name: str) -> None:
         """Set the camera on display: others get a lower detection rate."""
@@ -139,7 +147,7 @@ class PerceptionWorker(QObject):
         """Reset for another robot: its cameras differ, and nobody is present."""
         with self._turns_lock:
             self._turns.forget()
-        self._inputs.put(_FORGET)
+        self._inputs.put(self._forget_cameras)
 
     def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry | DepthGrid) -> None:
         """Add sensor data for people's positions and for camera motion."""
@@ -158,30 +166,35 @@ class PerceptionWorker(QObject):
 
     def ask(self, intent: PeopleIntent) -> None:
         """Run a decision about people."""
-        self._inputs.put(_IntentReceived(intent))
+        self._inputs.put(lambda: self._publish_all(self._presence.do(intent, clock.now_ns())))
 
     def request_history(self, person_id: str, text: str) -> None:
         """Request a person's history; ``history_found`` delivers it."""
-        self._inputs.put(_HistoryRequest(person_id, text))
+        self._inputs.put(
+            lambda: self.history_found.emit(PersonHistory(person_id, text, self._presence.history(person_id, text)))
+        )
 
     def recognise(self, settings: RecognitionSettings, *, may_decide: bool) -> None:
         """Set whom the console may recognise, and whether the wizard may name people."""
-        self._inputs.put(_Recognise(settings, may_decide))
+        self._inputs.put(partial(self._recognise, settings, may_decide))
 
     def ask_consents_again(self, again: bool) -> None:
         """Set whether earlier consents need confirmation."""
-        self._inputs.put(_AskConsents(again))
+        self._inputs.put(partial(self._ask_consents_again, again))
 
     def practise(self, on: bool) -> None:
         """Switch practice mode: people seen and named there stay separate from the study and discarded afterwards."""
-        self._inputs.put(_Practise(on))
+        self._inputs.put(partial(self._practise, on))
 
     def note(self, event: HistoryEvent) -> None:
         """Add an event to the history of the people present."""
-        self._inputs.put(event)
+        self._inputs.put(lambda: self._presence.note(event))
 
     def stop(self) -> None:
-        self._inputs.put(_STOP)
+        def stop() -> None:
+            self._stopped = True
+
+        self._inputs.put(stop)
 
     @Slot()
     def run(self) -> None:
@@ -197,129 +210,138 @@ class PerceptionWorker(QObject):
                 thread.quit()
 
     def _run(self) -> None:
-        presence, problems = self._open_presence()
-        presence.portraits = self._portraits
-        practising = False
-        recognition, consents_again = _Recognise(RecognitionSettings(), True), False
-        self._publish_all(problems)
+        self._open()
         self._start_child()
-        child = self._child
-        ready = busy = False
-        pending: FrameRef | None = None
-        requested_ns = 0
         while True:
-            try:
-                item = self._inputs.get(timeout=_TICK_S)
-            except queue.Empty:
-                item = None
-            if item is _STOP:
+            with suppress(queue.Empty):
+                self._inputs.get(timeout=_TICK_S)()
+            if self._stopped:
                 break
-            if isinstance(item, _UseBody) or (isinstance(item, PluginFailed) and item.plugin.group == "detectors"):
-                if isinstance(item, _UseBody):
-                    self._body, self.restarts = item.body, Restarts()
-                else:
-                    self._switch_off(item.plugin, item.reason)
-                ready, busy, pending = False, False, None
-                if child is not None:
-                    child.stop(grace_s=2.0)
-                self._publish_all(presence.restart_tracks(clock.now_ns()))
-                self._start_child()
-                child = self._child
-            elif item is _FORGET:
-                pending = None
-                self._turning.forget()
-                self._detection_rates.forget()
-                self._publish_all(presence.restart_tracks(clock.now_ns()))
-            elif isinstance(item, _IntentReceived):
-                self._publish_all(presence.do(item.intent, clock.now_ns()))
-            elif isinstance(item, _HistoryRequest):
-                entries = presence.history(item.person_id, item.text)
-                self.history_found.emit(PersonHistory(item.person_id, item.text, entries))
-            elif isinstance(item, _Recognise):
-                recognition = item
-                presence.use_settings(item.settings, may_decide=item.may_decide)
-                self._faces = item.settings.recognise == "faces"
-            elif isinstance(item, _AskConsents):
-                consents_again = item.again
-                presence.ask_consents_again(item.again)
-                self._everybody_reported_ns = 0
-            elif isinstance(item, _Practise) and item.on != practising:
-                practising = item.on
-                self._publish_all(presence.restart_tracks(clock.now_ns()))
-                presence.close()
-                presence, problems = (PresenceTracker(), []) if practising else self._open_presence()
-                presence.portraits = self._portraits
-                presence.use_settings(recognition.settings, may_decide=recognition.may_decide)
-                presence.ask_consents_again(consents_again)
-                self._publish_all(problems)
-                self._everybody_reported_ns = 0
-            elif isinstance(item, HistoryEvent):
-                presence.note(item)
-            elif isinstance(item, PersonLooks):
-                self._publish_all(presence.add_embeddings(item))
-            elif isinstance(item, PersonPortrait):
-                presence.add_portrait(item)
-            elif isinstance(item, InferenceReady):
-                ready, busy = True, False
-                plugins = tuple(sorted((one.title, one.package) for one in item.plugins))
-                self._set_status(
-                    PerceptionStatus(
-                        "ready", item.model, server=item.server, recognises=item.recognises, plugins=plugins
-                    )
-                )
-            elif isinstance(item, InferenceFailed):
-                self._publish(localize_problem(item.problem))
-                self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
-                ready = False
-            elif isinstance(item, DetectorAway):
-                self._publish(localize_problem(item.problem))
-                self._set_status(replace(self._status, state="failed", detail=item.problem.what))
-            elif isinstance(item, People):
-                busy = False
-                if self._status.state == "failed":  # the remote machine is back
-                    self._set_status(replace(self._status, state="ready", detail=""))
-                self._detection_rates.note(item.camera, now_ns=clock.now_ns())
-                if pending is not None and (pending.camera, pending.sequence) == (item.camera, item.frame_sequence):
-                    people, events = presence.update(item, clock.now_ns())
-                    self._publish(people)
-                    self._publish_all(events)
-                    self._locate(people, presence)
-                self._report_pace(item.inference_ms)
-            elif isinstance(item, FrameSkipped):
-                busy = False
-            elif isinstance(item, PluginFailed):
-                self._switch_off(item.plugin, item.reason)
-            elif isinstance(item, Problem):
-                self._publish(localize_problem(item))
-            elif isinstance(item, _ChildEnded) and item.child is child:
-                ready = busy = False
-                child.stop(grace_s=0.0)
-                self._publish_all(presence.restart_tracks(clock.now_ns()))
-                self._child = None
-                if (plugin := self._watch.called) is None:
-                    self.restarts.after_end(self._report_ended, self._start_child)
-                else:
-                    self._switch_off(plugin, self._watch.blame)
-                    self._start_child()
-                child = self._child
-                if child is None:
-                    detail = QT_TR_NOOP("Stopped unexpectedly too often")
-                    self._set_status(PerceptionStatus(state="failed", detail=detail))
-            self._publish_all(presence.tick(clock.now_ns()))
-            if busy and clock.now_ns() - requested_ns > _ANSWER_WITHIN_NS:
-                busy = False
+            self._publish_all(self._presence.tick(clock.now_ns()))
+            if self._busy and clock.now_ns() - self._requested_ns > _ANSWER_WITHIN_NS:
+                self._busy = False
+            child = self._child
             if child is not None and self._watch.overdue:
                 child.kill()
-            rested = clock.now_ns() - requested_ns >= self._detection_interval_ns
-            if ready and rested and not busy and child is not None:
-                requested_ns = clock.now_ns()
+            rested = clock.now_ns() - self._requested_ns >= self._detection_interval_ns
+            if self._ready and rested and not self._busy and child is not None:
+                self._requested_ns = clock.now_ns()
                 with self._turns_lock:
-                    pending = self._turns.pop(now_ns=requested_ns)
-                busy = pending is not None and child.send(self._detection_request(pending))
-            self._show_persons(presence)
-        if child is not None:
-            child.stop(grace_s=2.0)
-        presence.close()
+                    self._pending = self._turns.pop(now_ns=self._requested_ns)
+                self._busy = self._pending is not None and child.send(self._detection_request(self._pending))
+            self._show_persons(self._presence)
+        if self._child is not None:
+            self._child.stop(grace_s=2.0)
+        self._presence.close()
+
+    def _open(self) -> None:
+        """Open the people of the study, or in practice mode nobody's."""
+        self._presence, problems = (PresenceTracker(), []) if self._practising else self._open_presence()
+        self._presence.portraits = self._portraits
+        self._publish_all(problems)
+
+    def _restart_tracks(self) -> None:
+        self._publish_all(self._presence.restart_tracks(clock.now_ns()))
+
+    def _use_body(self, body: ProcessSpec) -> None:
+        self._body, self.restarts = body, Restarts()
+        self._replace_child()
+
+    def _replace_child(self) -> None:
+        self._ready, self._busy, self._pending = False, False, None
+        if self._child is not None:
+            self._child.stop(grace_s=2.0)
+        self._restart_tracks()
+        self._start_child()
+
+    def _forget_cameras(self) -> None:
+        self._pending = None
+        self._turning.forget()
+        self._detection_rates.forget()
+        self._restart_tracks()
+
+    def _recognise(self, settings: RecognitionSettings, may_decide: bool) -> None:
+        self._recognition = settings, may_decide
+        self._presence.use_settings(settings, may_decide=may_decide)
+        self._faces = settings.recognise == "faces"
+
+    def _ask_consents_again(self, again: bool) -> None:
+        self._consents_again = again
+        self._presence.ask_consents_again(again)
+        self._everybody_reported_ns = 0
+
+    def _practise(self, on: bool) -> None:
+        if on == self._practising:
+            return
+        self._practising = on
+        self._restart_tracks()
+        self._presence.close()
+        self._open()
+        settings, may_decide = self._recognition
+        self._presence.use_settings(settings, may_decide=may_decide)
+        self._ask_consents_again(self._consents_again)
+
+    def _handle(self, message: Any) -> None:
+        """Handle a message of the inference process."""
+        match message:
+            case PersonLooks():
+                self._publish_all(self._presence.add_embeddings(message))
+            case PersonPortrait():
+                self._presence.add_portrait(message)
+            case InferenceReady():
+                self._ready, self._busy = True, False
+                plugins = tuple(sorted((one.title, one.package) for one in message.plugins))
+                self._set_status(
+                    PerceptionStatus(
+                        "ready", message.model, server=message.server, recognises=message.recognises, plugins=plugins
+                    )
+                )
+            case InferenceFailed(problem=problem):
+                self._publish(localize_problem(problem))
+                self._set_status(PerceptionStatus(state="failed", detail=problem.what))
+                self._ready = False
+            case DetectorAway(problem=problem):
+                self._publish(localize_problem(problem))
+                self._set_status(replace(self._status, state="failed", detail=problem.what))
+            case People():
+                self._on_people(message)
+            case FrameSkipped():
+                self._busy = False
+            case PluginFailed(plugin=plugin, reason=reason):
+                self._switch_off(plugin, reason)
+                if plugin.group == "detectors":
+                    self._replace_child()
+            case Problem():
+                self._publish(localize_problem(message))
+
+    def _on_people(self, found: People) -> None:
+        self._busy = False
+        if self._status.state == "failed":  # the remote machine is back
+            self._set_status(replace(self._status, state="ready", detail=""))
+        self._detection_rates.note(found.camera, now_ns=clock.now_ns())
+        pending = self._pending
+        if pending is not None and (pending.camera, pending.sequence) == (found.camera, found.frame_sequence):
+            people, events = self._presence.update(found, clock.now_ns())
+            self._publish(people)
+            self._publish_all(events)
+            self._locate(people, self._presence)
+        self._report_pace(found.inference_ms)
+
+    def _on_child_ended(self, child: ChildProcess) -> None:
+        if child is not self._child:
+            return
+        self._ready = self._busy = False
+        child.stop(grace_s=0.0)
+        self._restart_tracks()
+        self._child = None
+        if (plugin := self._watch.called) is None:
+            self.restarts.after_end(self._report_ended, self._start_child)
+        else:
+            self._switch_off(plugin, self._watch.blame)
+            self._start_child()
+        if self._child is None:
+            detail = QT_TR_NOOP("Stopped unexpectedly too often")
+            self._set_status(PerceptionStatus(state="failed", detail=detail))
 
     def _detection_request(self, frame: FrameRef) -> DetectionRequest:
         """Detection request; a camera that the robot does not carry does not rotate with it."""
@@ -353,7 +375,7 @@ class PerceptionWorker(QObject):
         if isinstance(value, PluginCall):  # twice for each picture: the queue's work is not done for it
             self._watch.note(value)
         else:
-            self._inputs.put(value)
+            self._inputs.put(partial(self._handle, value))
 
     def _start_child(self) -> None:
         self._set_status(PerceptionStatus(state="loading"))
@@ -365,7 +387,7 @@ class PerceptionWorker(QObject):
         child = ChildProcess(
             replace(self._body, arguments=tuple(arguments)),
             on_message=lambda value, _raw: self._on_message(value),
-            on_exit=lambda _code: self._inputs.put(_ChildEnded(child)),
+            on_exit=lambda _code: self._inputs.put(partial(self._on_child_ended, child)),
         )
         child.start()
         self._child = child
@@ -411,43 +433,3 @@ class PerceptionWorker(QObject):
             if everybody != self._everybody:
                 self._everybody = everybody
                 self.everybody_changed.emit(everybody)
-
-
-class _IntentReceived:
-    def __init__(self, intent: PeopleIntent) -> None:
-        self.intent = intent
-
-
-class _HistoryRequest:
-    def __init__(self, person_id: str, text: str) -> None:
-        self.person_id, self.text = person_id, text
-
-
-class _Recognise:
-    def __init__(self, settings: RecognitionSettings, may_decide: bool) -> None:
-        self.settings, self.may_decide = settings, may_decide
-
-
-class _Practise:
-    def __init__(self, on: bool) -> None:
-        self.on = on
-
-
-class _AskConsents:
-    def __init__(self, again: bool) -> None:
-        self.again = again
-
-
-class _ChildEnded:
-    def __init__(self, child: ChildProcess) -> None:
-        self.child = child
-
-
-class _UseBody:
-    def __init__(self, body: ProcessSpec) -> None:
-        self.body = body
-
-
-_FRAME_WAITS = object()
-_FORGET = object()
-_STOP = object()

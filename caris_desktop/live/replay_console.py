@@ -4,15 +4,16 @@ console that runs at the same time.
 GUI thread unless stated otherwise.
 """
 
+import asyncio
 import bisect
 import logging
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.conversation.conversation_transcript import Turn, turns_of
@@ -20,6 +21,7 @@ from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     LayoutChanged,
+    Marked,
     PhotoDeleted,
     PhotoTagged,
     PhotoTaken,
@@ -32,9 +34,8 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.annotation_session import AnnotationSession
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
@@ -42,32 +43,241 @@ from caris_desktop.live.robot_connections import LiveRobots
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus, PhotoEntry
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.recording.annotation.annotation_editing import (
+    AnnotationError,
+    EditHistory,
+    coders_of,
+    merge_imported,
+    tiers_of_coder,
+)
+from caris_desktop.recording.annotation.annotation_import import media_began_ms_of, read_csv, read_eaf
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
+from caris_desktop.recording.annotation.timeline_builder import run_overview
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
-from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS
+from caris_desktop.recording.session.session_data import read_data
+from caris_desktop.recording.session.session_marks import notes_among
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
+
+_SAVED_WITHIN_S = 5.0
+
+Tell = Callable[[str, str, str], None]
+"""what happened, its meaning, advice"""
+
+
+class AnnotationSession(QObject):
+    """Annotation session. ``coding``: AnnotationDocument of all coders; ``overview``: SessionOverview once computed."""
+
+    _overview_made = Signal(object)
+    _overview_missing = Signal()
+    _save_failed = Signal(object)  # a Qt str would lose the localisable parts
+
+    def __init__(
+        self,
+        session: Session,
+        asyncio_thread: AsyncioThread,
+        problem: Tell,
+        parent: QObject | None = None,
+        *,
+        unsaved_dir: Path | None = None,
+    ) -> None:
+        """``unsaved_dir``: fallback for what cannot be saved in the session folder."""
+        super().__init__(parent)
+        self._session = session
+        self._unsaved_dir = unsaved_dir
+        self._asyncio = asyncio_thread
+        self._problem = problem
+        self.overview = LiveValue(None, self)
+        self.coding = LiveValue(AnnotationDocument(), self)
+        self._history = EditHistory(AnnotationDocument())
+        self._reading = BackgroundWorker(self)
+        self._saving = asyncio.Lock()
+        self._saved = AnnotationDocument()
+        self._unsaved: Future[None] | None = None
+        self._overview_maker: ChildProcess | None = None
+        self._overview_made.connect(self.overview.set)
+        self._overview_missing.connect(self._on_overview_missing)
+        self._save_failed.connect(self._on_save_failed)
+
+    def start(self) -> None:
+        """Load existing annotations, and compute the overview in the background."""
+        document = load_documents(self._session.folder, on_damaged=self._on_damaged)
+        self._history = EditHistory(document)
+        self._saved = document
+        self.coding.set(document)
+        # In a separate process: up to a minute of Python, which would make the replay stutter.
+        self._overview_maker = ChildProcess(
+            ProcessSpec("overview", run_overview, (self._session,)),
+            on_message=lambda overview, _raw: self._overview_made.emit(overview),
+            on_exit=lambda _code: self._overview_missing.emit(),
+        )
+        self._overview_maker.start()
+
+    def _on_damaged(self, reason: str) -> None:
+        self._problem(
+            tr("A coder's annotations cannot be read."),
+            tr(reason),
+            tr("They are left unchanged; repair or move the file."),
+        )
+
+    def close(self) -> str:
+        """Wait until everything is saved, at most ten seconds; returns a message about what could not
+        be, else empty.
+        """
+        if self._overview_maker is not None:
+            self._overview_maker.stop(grace_s=0.0)
+        self._reading.finish(lambda _words, wait_for_it: wait_for_it())
+        saving, self._unsaved = self._unsaved, None
+        if saving is None:
+            return ""
+        wait([saving], timeout=_SAVED_WITHIN_S)
+        if saving.done() and self._saved != self._history.document:
+            # The cause of a failed save may be fixed meanwhile.
+            wait([self._asyncio.submit(self._save(self._history.document))], timeout=_SAVED_WITHIN_S)
+        document, saved = self._history.document, self._saved
+        if saved == document:
+            return ""
+        folder = self._session.folder
+        lost = tr("The last annotations could not be saved in {folder}.").format(folder=folder)
+        try:
+            copy = self._store_copy(document, saved)
+        except (AnnotationError, OSError):
+            _log.exception("not even a copy of the annotations could be kept")
+            copy = None
+        if copy is not None:
+            lost = tr(
+                "The last annotations could not be saved in {folder}. A copy is in {copy}: move its files "
+                "into the session's folder 'annotations'."
+            ).format(folder=folder, copy=copy)
+        _log.error(lost)
+        return lost
+
+    def _store_copy(self, document: AnnotationDocument, saved: AnnotationDocument) -> Path | None:
+        if self._unsaved_dir is None:
+            return None
+        folder = self._unsaved_dir / f"{self._session.folder.absolute().name} {datetime.now():%Y-%m-%d %H%M%S}"
+        folder.mkdir(parents=True, exist_ok=True)
+        for coder in coders_of(document):
+            if tiers_of_coder(document, coder) != tiers_of_coder(saved, coder):
+                save_coder(folder, document, coder)
+        return folder / "annotations"
+
+    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
+        try:
+            document = self._history.apply(edit)
+        except AnnotationError as refusal:
+            reason = str(refusal)
+            return tr(reason)
+        self._show(document)
+        return ""
+
+    def undo_steps(self) -> tuple[str, str]:
+        return tr(self._history.undo_step), tr(self._history.redo_step)
+
+    def undo(self) -> bool:
+        return self._step(self._history.undo)
+
+    def redo(self) -> bool:
+        return self._step(self._history.redo)
+
+    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
+        """Import in a background thread; returns at once."""
+
+        skipped: list[str] = []
+
+        def read() -> AnnotationDocument | str:
+            try:
+                if path.suffix.lower() == ".eaf":
+                    return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
+                return read_csv(path, coder=coder, skipped=skipped)
+            except AnnotationError as refusal:
+                reason = str(refusal)
+                return tr(reason)
+
+        def take(found: AnnotationDocument | str) -> None:
+            refused = found if isinstance(found, str) else self.edit(lambda document: merge_imported(document, found))
+            if not refused and skipped:
+                refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
+            on_result(refused)
+
+        self._reading.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
+
+    def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
+        before = self.coding.value
+        document = step()
+        if document == before:
+            return False
+        self._show(document)
+        return True
+
+    def _show(self, document: AnnotationDocument) -> None:
+        self.coding.set(document)
+        self._unsaved = self._asyncio.submit(self._save(document))
+
+    async def _save(self, document: AnnotationDocument) -> None:
+        async with self._saving:
+            if document is not self._history.document:
+                return  # a newer version is queued
+            for coder in sorted({*coders_of(document), *coders_of(self._saved)}):
+                if tiers_of_coder(document, coder) == tiers_of_coder(self._saved, coder):
+                    continue
+                try:
+                    await asyncio.to_thread(save_coder, self._session.folder, document, coder)
+                except (AnnotationError, OSError) as error:
+                    self._save_failed.emit(str(error))
+                    return
+            self._saved = document
+
+    def _on_overview_missing(self) -> None:
+        if self.overview.value is None:
+            self._problem(
+                tr("The timeline cannot show the recorded data."),
+                tr("Replay and annotation still work."),
+                tr("Close the replay and open it again; the log has the details."),
+            )
+
+    def _on_save_failed(self, reason: str) -> None:
+        self._problem(
+            tr("Your annotations are not saved."),
+            tr(reason),
+            tr("Free some disk space, or make the session's folder writable; the next change saves them all."),
+        )
+
 
 _STREAMS = ("event/photo_taken", "event/photo_tagged", "event/photo_deleted")
 _AT_MOST = 500
 
 
-class ReplayPhotos(QObject):
-    """Photos of a recorded session at the replay's position.
-
-    Maintains ``state.photos``. Photos are read one by one in a background thread.
-    """
+class _SessionReading(QObject):
+    """Reads a recorded session in a background thread of its own."""
 
     def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
         super().__init__(parent)
         self._session = session
         self._state = state
+        self._slow_work = BackgroundWorker(self)
+
+    def close(self) -> None:
+        self._slow_work.finish(lambda _what, work: work())
+
+    def _on_failed(self, failure: UserFacingError) -> None:
+        _log.warning("%s %s", failure.what, failure.meaning)
+
+
+class ReplayPhotos(_SessionReading):
+    """Photos of a recorded session at the replay's position.
+
+    Maintains ``state.photos``. Photos are read one by one.
+    """
+
+    def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
+        super().__init__(session, state, parent)
         self._events: list[Any] = []
         self._pictures: dict[str, tuple[bytes, bytes]] = {}
-        self._slow_work = BackgroundWorker(self)
         state.event_happened.connect(self._on_event)
         state.time_jumped.connect(self._show)
 
@@ -82,9 +292,6 @@ class ReplayPhotos(QObject):
 
         self._slow_work.do(read, done, self._on_failed)
 
-    def close(self) -> None:
-        self._slow_work.finish(lambda _what, work: work())
-
     def _read_next(self, file_names: list[str]) -> None:
         if not file_names:
             return
@@ -95,9 +302,6 @@ class ReplayPhotos(QObject):
             self._read_next(file_names[1:])
 
         self._slow_work.do(lambda: _pictures(self._session.folder, file_names[0]), done, self._on_failed)
-
-    def _on_failed(self, failure: UserFacingError) -> None:
-        _log.warning("%s %s", failure.what, failure.meaning)
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, PhotoTaken | PhotoTagged | PhotoDeleted):
@@ -138,37 +342,22 @@ def _pictures(folder: Path, file_name: str) -> tuple[bytes, bytes]:
     return large, small
 
 
-class ReplayTranscript(QObject):
+class ReplayTranscript(_SessionReading):
     """Complete transcript and notes of a recorded session.
 
     Sets ``state.transcript`` and ``state.notes`` once, including later corrections.
-
-    Both are read in a background thread.
     """
-
-    def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
-        super().__init__(parent)
-        self._session = session
-        self._state = state
-        self._slow_work = BackgroundWorker(self)
 
     def start(self) -> None:
         self._slow_work.do(self._read_turns, self._state.transcript.reset_value, self._on_failed)
-        self._slow_work.do(self._read_notes, self._state.notes.reset_value, self._on_failed)
-
-    def close(self) -> None:
-        self._slow_work.finish(lambda _what, work: work())
+        self._slow_work.do(
+            lambda: notes_among(read_data(self._session, (Marked,)).marks),
+            self._state.notes.reset_value,
+            self._on_failed,
+        )
 
     def _read_turns(self) -> tuple[Turn, ...]:
-        turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
-        # An empty heard turn whose speaker was never determined, because the record ended or has a gap, is dropped.
-        return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
-
-    def _read_notes(self) -> tuple[FinalMark, ...]:
-        return notes_among(final_marks(self._session))
-
-    def _on_failed(self, failure: UserFacingError) -> None:
-        _log.warning("%s %s", failure.what, failure.meaning)
+        return turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
 
 
 _log = logging.getLogger(__name__)
@@ -238,7 +427,12 @@ class ReplayConsole(QObject):
         self._coding = AnnotationSession(
             session, self._asyncio, self._report_failure, self, unsaved_dir=parts.unsaved_dir
         )
-        self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
+        self._thumbnails = ReplayThumbnails(session, self.thumbnail_made.emit)
+        self.play, self.pause, self.set_rate = self._player.play, self._player.pause, self._player.set_rate
+        self.seek, self.step = self._player.seek, self._player.step
+        self.edit, self.import_annotations = self._coding.edit, self._coding.import_annotations
+        self.undo, self.redo, self.undo_steps = self._coding.undo, self._coding.redo, self._coding.undo_steps
+        self.request_thumbnail = self._thumbnails.request
         self._photos = ReplayPhotos(session, self._state, self)
         self._transcript = ReplayTranscript(session, self._state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
@@ -338,21 +532,6 @@ class ReplayConsole(QObject):
 
     # ReplayControls
 
-    def play(self) -> None:
-        self._player.play()
-
-    def pause(self) -> None:
-        self._player.pause()
-
-    def set_rate(self, rate: float) -> None:
-        self._player.set_rate(rate)
-
-    def seek(self, at_ns: int) -> None:
-        self._player.seek(at_ns)
-
-    def step(self, frames: int) -> None:
-        self._player.step(frames)
-
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
         overview: SessionOverview | None = self._coding.overview.value
         if overview is None:
@@ -368,27 +547,6 @@ class ReplayConsole(QObject):
             return False
         self._player.seek(moments[index])
         return True
-
-    def request_thumbnail(self, camera: str, at_ns: int) -> None:
-        self._thumbnails.request(camera, at_ns)
-
-    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
-        return self._coding.edit(edit)
-
-    def undo_steps(self) -> tuple[str, str]:
-        return self._coding.undo_steps()
-
-    def undo(self) -> bool:
-        return self._coding.undo()
-
-    def redo(self) -> bool:
-        return self._coding.redo()
-
-    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
-        self._coding.import_annotations(path, coder, on_result)
-
-    def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
-        self.thumbnail_made.emit(camera, at_ns, image_bgr)
 
     # Recorded scenario, robot and layout
 
@@ -406,7 +564,9 @@ class ReplayConsole(QObject):
         try:
             if isinstance(event, ScenarioOpened):
                 opened = replace(self._parts.read_scenario(event), sha256=event.sha256)
-                if not _same_but_for_places(opened, self._opened):
+                before = self._opened
+                # Saving a place rewrites the file but leaves the panels.
+                if replace(opened, places=before.places, path=before.path, sha256=before.sha256) != before:
                     self._layout = None
                 self._opened = opened
             elif isinstance(event, LayoutChanged):
@@ -447,9 +607,13 @@ class ReplayConsole(QObject):
     def _report_failure(self, what: str, meaning: str, advice: str) -> None:
         self._notify("error", what, meaning, advice)
 
+    def report(self, problem: Problem) -> None:
+        """Report a problem to the user."""
+        self.noticed.emit(problem)
+
     def _notify(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         _log.info("%s %s %s", what, meaning, advice)
-        self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
+        self.report(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
     def _stop(self) -> None:
         """Stop the live robot, if any. Esc also closes popups, so it is not refused without one."""
@@ -494,8 +658,3 @@ class ReplayConsole(QObject):
     @property
     def wizard_microphone(self) -> str | None:
         return None
-
-
-def _same_but_for_places(one: Scenario, other: Scenario) -> bool:
-    """Whether only places differ: saving a place rewrites the file but leaves the panels."""
-    return replace(one, places=other.places, path=other.path, sha256=other.sha256) == other

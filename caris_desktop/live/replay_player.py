@@ -95,6 +95,7 @@ _LINK_CHANGES = 20
 _SCENARIOS = 20
 # Useless in an event list, and frequent enough to hide the rest.
 _UNLISTED = (CommandSent, LinkQuality, TrafficMeasured)
+_LISTED = [spec.value_type for spec in EVENT_STREAMS if spec.value_type not in _UNLISTED]
 # Events whose value persists until the next one, and how many of the newest determine the current state.
 _STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQuality: 1}
 
@@ -217,10 +218,6 @@ class ReplayFeed:
         return ahead.read_until_ns < min(until_ns, self._end_ns) and len(ahead.waiting) < _MAX_WAITING
 
 
-def _listed() -> list[type[Any]]:
-    return [spec.value_type for spec in EVENT_STREAMS if spec.value_type not in _UNLISTED]
-
-
 def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns: int) -> Situation:
     lost_ns = {
         event.link: arrived_ns
@@ -250,7 +247,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
         tuple(values.values()),
         tuple(event for _, event in standing),
         tuple(sorted(frames, key=lambda frame: frame.stamp_ns)),
-        tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_listed())),
+        tuple(event for _, event in timeline.events_before(at_ns, _EVENTS_SHOWN, types=_LISTED)),
     )
 
 
@@ -363,10 +360,7 @@ class ReplayPlayer(QObject):
         # A frame is visible from its arrival, slightly after its capture: seek behind both.
         index = bisect.bisect_right(times, frame.stamp_ns) - 1 + frames
         target_ns = times[min(len(times) - 1, max(0, index))]
-        self.seek(target_ns + self._delay_ns(frame))
-
-    def _delay_ns(self, frame: FrameRef) -> int:
-        return max(0, min(200_000_000, self._clock.position_ns() - frame.stamp_ns))
+        self.seek(target_ns + max(0, min(200_000_000, self._clock.position_ns() - frame.stamp_ns)))
 
     def _jump(self) -> None:
         self._generation += 1
@@ -454,7 +448,7 @@ class ReplayPlayer(QObject):
             status = replace(status, content={**status.content, "folder": None})
         show_status(self._state, status, name_of=self._name_of)
         if status.name == "recording":
-            self._state.recording.set(replace(self._state.recording.value, folder=self._session.folder))
+            self._state.recording.update(folder=self._session.folder)
 
     def _on_situation(self, situation: Situation) -> None:
         if situation.generation != self._generation:
@@ -479,7 +473,8 @@ class ReplayPlayer(QObject):
         self._state.time_jumped.emit(situation.events)
         for value in values:
             self._take_value(value)
-        main_camera = self._state.camera.value or _camera_of_people(values)
+        # In older recordings without a choice: the camera used for detection.
+        main_camera = self._state.camera.value or next((each.camera for each in values if isinstance(each, People)), "")
         self._show_frames(situation.frames, main_camera)
         self._awaits_situation = False
         self._state.check_freshness()
@@ -512,19 +507,11 @@ class ReplayPlayer(QObject):
     def _on_failed(self, reason: str) -> None:
         self._clock.pause()
         self._timer.stop()
-        self.playback.set(replace(self.playback.value, playing=False, detail=reason))
+        self.playback.update(playing=False, detail=reason)
 
     def _notify(self) -> None:
-        self.playback.set(
-            replace(
-                self.playback.value,
-                position_ns=self._clock.position_ns(),
-                playing=self._clock.playing,
-                rate=self._clock.rate,
-            )
+        self.playback.update(
+            position_ns=self._clock.position_ns(),
+            playing=self._clock.playing,
+            rate=self._clock.rate,
         )
-
-
-def _camera_of_people(values: list[Any]) -> str:
-    """Camera in older recordings without a choice: the one used for detection."""
-    return next((value.camera for value in values if isinstance(value, People)), "")

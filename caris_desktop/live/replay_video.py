@@ -4,7 +4,7 @@ import logging
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ _log = logging.getLogger(__name__)
 _MAX_FRAMES = 12
 KEY_FRAMES_FROM_RATE = 3.0
 THUMBNAIL_WIDTH_PX = 160
+_MOST_THUMBNAILS = 200
+R = TypeVar("R")
 _PICTURE_HOLDS_NS = 2_000_000_000
 _EMPTY: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 
@@ -56,7 +58,7 @@ class ReplayVideo:
         self._session = session
         self._frames = frames
         self._on_frame = on_frame
-        self._decoders: dict[str, _Decoder] = {}
+        self._decoders: dict[str, _VideoThread[tuple[int, FrameRef, bool]]] = {}
         self._closed = False
 
     def show(self, generation: int, ref: FrameRef, *, nearest_key: bool = False) -> None:
@@ -64,8 +66,20 @@ class ReplayVideo:
         if self._closed:
             return
         if ref.camera not in self._decoders:
-            self._decoders[ref.camera] = _Decoder(self._session, self._frames, self._on_frame)
-        self._decoders[ref.camera].show(generation, ref, nearest_key=nearest_key)
+            self._decoders[ref.camera] = _VideoThread(self._session, "replay-video", self._decode, 1)
+            self._decoders[ref.camera].start()
+        self._decoders[ref.camera].request(None, (generation, ref, nearest_key))
+
+    def _decode(self, reader: VideoReader, request: tuple[int, FrameRef, bool]) -> None:
+        generation, ref, nearest_key = request
+        try:
+            picture = reader.frame_at(ref.camera, ref.stamp_ns, nearest_key=nearest_key)
+        except Exception:
+            _log.exception("the video of %s cannot be read", ref.camera)
+            return
+        if picture is not None:
+            self._frames.add(ref, picture.image_bgr)
+            self._on_frame(generation, ref)
 
     def close(self) -> None:
         self._closed = True
@@ -73,76 +87,24 @@ class ReplayVideo:
             decoder.close()
 
 
-class _Decoder:
-    """Decoder thread of a camera."""
+class _VideoThread(Generic[R]):
+    """Thread with a video reader of its own, which answers the newest request of each key first."""
 
-    def __init__(self, session: Session, frames: ReplayFrames, on_frame: Callable[[int, FrameRef], None]) -> None:
+    def __init__(self, session: Session, name: str, answer: Callable[[VideoReader, R], None], at_most: int) -> None:
         self._session = session
-        self._frames = frames
-        self._on_frame = on_frame
+        self._answer = answer
+        self._at_most = at_most
         self._changed = threading.Condition()
-        self._request: tuple[int, FrameRef, bool] | None = None
+        self._pending: OrderedDict[Any, R] = OrderedDict()
         self._ended = False
-        self._thread = threading.Thread(target=self._run, name="replay-video", daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.start = self._thread.start
 
-    def show(self, generation: int, ref: FrameRef, *, nearest_key: bool) -> None:
+    def request(self, key: Any, request: R) -> None:
         with self._changed:
-            self._request = (generation, ref, nearest_key)
-            self._changed.notify()
-
-    def close(self) -> None:
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
-        self._thread.join(5.0)
-
-    def _run(self) -> None:
-        reader = VideoReader(self._session)
-        try:
-            while (request := self._next()) is not None:
-                generation, ref, nearest_key = request
-                try:
-                    picture = reader.frame_at(ref.camera, ref.stamp_ns, nearest_key=nearest_key)
-                except Exception:
-                    _log.exception("the video of %s cannot be read", ref.camera)
-                    continue
-                if picture is not None:
-                    self._frames.add(ref, picture.image_bgr)
-                    self._on_frame(generation, ref)
-        finally:
-            reader.close()
-
-    def _next(self) -> tuple[int, FrameRef, bool] | None:
-        """Next request; None to end."""
-        with self._changed:
-            while self._request is None and not self._ended:
-                self._changed.wait()
-            request, self._request = self._request, None
-            return None if self._ended else request
-
-
-class ReplayThumbnails:
-    """Thumbnails, newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread; the image is empty
-    if there is none.
-    """
-
-    def __init__(self, session: Session, made: Callable[[str, int, NDArray[np.uint8]], None]) -> None:
-        self._session = session
-        self._made = made
-        self._changed = threading.Condition()
-        self._pending: OrderedDict[tuple[str, int], None] = OrderedDict()
-        self._ended = False
-        self._thread = threading.Thread(target=self._run, name="replay-thumbnails", daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def request(self, camera: str, at_ns: int) -> None:
-        with self._changed:
-            self._pending[(camera, at_ns)] = None
-            self._pending.move_to_end((camera, at_ns))
-            while len(self._pending) > 200:
+            self._pending[key] = request
+            self._pending.move_to_end(key)
+            while len(self._pending) > self._at_most:
                 self._pending.popitem(last=False)
             self._changed.notify()
 
@@ -162,18 +124,36 @@ class ReplayThumbnails:
                         self._changed.wait()
                     if self._ended:
                         return
-                    camera, at_ns = self._pending.popitem(last=True)[0]
-                try:
-                    found = reader.info_at(camera, at_ns)
-                    # No image long after a frame, as in a pause or after the end of the video.
-                    there = found is not None and at_ns - found.stamp_ns < _PICTURE_HOLDS_NS
-                    image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX) if there else None
-                except Exception:
-                    _log.exception("a thumbnail of %s cannot be made", camera)
-                    image_bgr = None
-                self._made(camera, at_ns, _EMPTY if image_bgr is None else image_bgr)
+                    request = self._pending.popitem(last=True)[1]
+                self._answer(reader, request)
         finally:
             reader.close()
+
+
+class ReplayThumbnails:
+    """Thumbnails, newest request first. ``made(camera, at_ns, image_bgr)`` is called in a thread; the image is empty
+    if there is none.
+    """
+
+    def __init__(self, session: Session, made: Callable[[str, int, NDArray[np.uint8]], None]) -> None:
+        self._made = made
+        self._thread = _VideoThread(session, "replay-thumbnails", self._make, _MOST_THUMBNAILS)
+        self.start, self.close = self._thread.start, self._thread.close
+
+    def request(self, camera: str, at_ns: int) -> None:
+        self._thread.request((camera, at_ns), (camera, at_ns))
+
+    def _make(self, reader: VideoReader, place: tuple[str, int]) -> None:
+        camera, at_ns = place
+        try:
+            found = reader.info_at(camera, at_ns)
+            # No image long after a frame, as in a pause or after the end of the video.
+            there = found is not None and at_ns - found.stamp_ns < _PICTURE_HOLDS_NS
+            image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX) if there else None
+        except Exception:
+            _log.exception("a thumbnail of %s cannot be made", camera)
+            image_bgr = None
+        self._made(camera, at_ns, _EMPTY if image_bgr is None else image_bgr)
 
 
 # Frames for the window, blurred if the scenario requires it; and for a language model, blurred as in recordings.

@@ -19,13 +19,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtNetwork import QLocalServer, QLocalSocket
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker, new_timer
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -192,10 +192,8 @@ class LiveRobots(QObject):
         self._unconfirmed: dict[str, list[str]] = {}
         self._slow_work = BackgroundWorker(self)
         self._looking = False
-        self._search_timer = QTimer(self, interval=_POLL_EVERY_MS)
-        self._search_timer.timeout.connect(self._find_consoles)
-        self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
-        self._patience.timeout.connect(self._on_not_confirmed)
+        self._search_timer = new_timer(self, self._find_consoles, _POLL_EVERY_MS)
+        self._patience = new_timer(self, self._on_not_confirmed, CONFIRMED_WITHIN_MS, single_shot=True)
 
     def start(self) -> None:
         self._search_timer.start()

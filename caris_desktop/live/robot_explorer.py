@@ -10,21 +10,13 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import (
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    list_profiles,
-    load_profile,
-    profile_file_name,
-    save_profile,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import list_profiles, load_profile, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.robot.discovery import Exploration, StreamCheck
@@ -35,7 +27,9 @@ _READ_PROFILES_AFTER_MS = 1500  # the window comes first
 
 
 class LiveRobotExplorer(QObject):
-    """Implements the dialog's RobotExplorer. GUI thread only; a new request replaces the current one."""
+    """Robot discovery outside the GUI thread. Call from the GUI thread; every call returns at once, and its callbacks
+    follow in the GUI thread. A new request replaces the current one.
+    """
 
     _answered = Signal(int, object, object)  # request number, callback, its argument
 
@@ -64,6 +58,7 @@ class LiveRobotExplorer(QObject):
         progress: Callable[[str], None],
         done: "Callable[[Exploration | UserFacingError], None]",
     ) -> None:
+        """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
         number = self._begin()
 
         async def ask() -> "Exploration":
@@ -82,6 +77,7 @@ class LiveRobotExplorer(QObject):
         progress: "Callable[[StreamCheck], None]",
         done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
     ) -> None:
+        """Check all streams of the profile; ``progress`` gets each result as it arrives."""
         number = self._begin()
 
         async def listen() -> "tuple[StreamCheck, ...]":
@@ -92,12 +88,14 @@ class LiveRobotExplorer(QObject):
         self._run(number, listen(), done)
 
     def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
+        """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
         self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
 
     def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
         self._run(self._begin(), asyncio.to_thread(_read, name), done)
 
     def cancel(self) -> None:
+        """Abort the current operation without callback."""
         self._begin()
 
     def _begin(self) -> int:
@@ -130,12 +128,9 @@ class LiveRobotExplorer(QObject):
 
 
 def _read(name: str) -> RobotProfile:
-    try:
+    advice = tr("Choose another profile, or the interfaces found here.")
+    with reported(ProfileError, tr("The profile cannot be used."), advice):
         return load_profile(name)
-    except ProfileError as error:
-        raise UserFacingError(
-            tr("The profile cannot be used."), f"{error}", tr("Choose another profile, or the interfaces found here.")
-        ) from error
 
 
 def _save(profile: RobotProfile, title: str) -> RobotChoice:
@@ -147,12 +142,9 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
             tr("It was not overwritten."),
             tr("Choose another name."),
         )
-    try:
+    advice = tr("Choose another name, or free some disk space.")
+    with reported((OSError, ProfileError), tr("The robot was not saved."), advice):
         path.parent.mkdir(parents=True, exist_ok=True)
         save_profile(replace(profile, name=path.stem, title=title), path)
         accept_written_profile(profile, path)
-    except (OSError, ProfileError) as error:
-        raise UserFacingError(
-            tr("The robot was not saved."), f"{error}", tr("Choose another name, or free some disk space.")
-        ) from error
     return RobotChoice(path.stem, title, without_credentials(profile.address))

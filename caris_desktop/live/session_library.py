@@ -14,18 +14,17 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker, new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
@@ -92,9 +91,7 @@ class LiveSessionLibrary(QObject):
         self._tidying: list[threading.Thread] = []
         self._slow_work = BackgroundWorker(self)
         self._replays: list[_Replay] = []
-        self._replay_watch = QTimer(self)
-        self._replay_watch.setInterval(_CHECK_AFTER_REPLAYS_MS)
-        self._replay_watch.timeout.connect(self._supervise_replays)
+        self._replay_watch = new_timer(self, self._supervise_replays, _CHECK_AFTER_REPLAYS_MS)
 
     def shutdown(self) -> None:
         """End the search and a running export; replays stay open. Blocks a few seconds at most."""
@@ -115,7 +112,7 @@ class LiveSessionLibrary(QObject):
     # Search
 
     def find(self, query: SessionQuery) -> None:
-        self.found.set(replace(self.found.value, query=query, updating=True))
+        self.found.update(query=query, updating=True)
         with self._changed:
             self._requested = query
             self._changed.notify()
@@ -248,7 +245,7 @@ class LiveSessionLibrary(QObject):
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return
-        self.export.set(replace(self.export.value, state="cancelled", detail=tr("Completed files remain.")))
+        self.export.update(state="cancelled", detail=tr("Completed files remain."))
         self._end(exporter)
 
     def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:

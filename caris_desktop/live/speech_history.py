@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import tr
@@ -84,22 +84,18 @@ def _newest(sentences: Iterable[str]) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> tuple[str, ...]:  # background thread
-    try:
+    if not path.exists():
+        return ()
+    with reported((OSError, ValueError), tr("The speech history could not be read."), ""):
         lines = path.read_text(encoding="utf-8").splitlines()
         sentences = [parse_json(line) for line in lines[-AT_MOST:]]
-    except FileNotFoundError:
-        return ()
-    except (OSError, ValueError) as error:
-        raise UserFacingError(tr("The speech history could not be read."), str(error), "") from error
     return tuple(sentence for sentence in sentences if isinstance(sentence, str))
 
 
 def _write(path: Path, text: str) -> None:  # background thread
-    try:
+    with reported(OSError, tr("The speech history could not be saved."), ""):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=False)
-    except OSError as error:
-        raise UserFacingError(tr("The speech history could not be saved."), str(error), "") from error
 
 
 def _notify(failure: UserFacingError) -> None:

@@ -16,9 +16,27 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, Voice
 from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.speaking_time import estimated_duration_s
+
+WITHIN_EARSHOT_M = 3.0
+
+
+def addressee(state: LiveState) -> str:
+    """Id of the selected person if present; else of the nearest within earshot, or of the only one.
+
+    Empty if there is none, or if it is ambiguous.
+    """
+    here: list[PersonRow] = [row for row in state.persons.value if row.here]
+    if any(row.person_id == state.selected_person.value for row in here):
+        return str(state.selected_person.value)
+    if len(here) == 1:
+        return here[0].person_id
+    placed = [(row.distance_m, row.person_id) for row in here if row.distance_m is not None]
+    distance_m, nearest = min(placed, default=(WITHIN_EARSHOT_M, ""))
+    return nearest if distance_m < WITHIN_EARSHOT_M else ""
+
 
 VoiceKind = VoiceOutput
 NO_VOICE: dict[VoiceKind, str] = {
@@ -82,7 +100,7 @@ class SpeechQueue(QObject):
 
     def use_voice(self, kind: VoiceKind) -> None:
         self._kind = kind
-        self._state.speech.set(replace(self._state.speech.value, voice=kind))
+        self._state.speech.update(voice=kind)
 
     def say(
         self,
@@ -251,4 +269,4 @@ class SpeechQueue(QObject):
 
     def _show(self) -> None:
         waiting = tuple(queued.utterance for queued in self._waiting)
-        self._state.speech.set(replace(self._state.speech.value, now=self._now, ends_ns=self._ends_ns, waiting=waiting))
+        self._state.speech.update(now=self._now, ends_ns=self._ends_ns, waiting=waiting)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import field, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor, StampAge
@@ -36,6 +36,7 @@ from caris_desktop.domain.streams import (
     streams_voided_by,
 )
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
     AssistantSetup,
@@ -64,8 +65,8 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
     VoiceStatus,
 )
-from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
+from caris_desktop.people.visit_log import Portraits
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.scenario_model import Place
 
@@ -177,6 +178,10 @@ class LiveValue(QObject):
     def set(self, value: Any) -> None:
         if value != self.value:
             self.reset_value(value)
+
+    def update(self, **changes: Any) -> None:
+        """Set the value with these fields changed."""
+        self.set(replace(self.value, **changes))
 
     def reset_value(self, value: Any) -> None:
         """Set and emit ``changed`` even if the value is equal."""
@@ -297,8 +302,7 @@ class LiveState(QObject):
         self._of_camera: dict[tuple[str, str], LiveStream] = {}
         self._robot_clock: LinkQuality | None = None
         self._places_by_camera: dict[str, PeopleInMap] = {}
-        self._aging = QTimer(self)
-        self._aging.timeout.connect(self.check_freshness)
+        self._aging = new_timer(self, self.check_freshness)
         self._aging.start(_FRESHNESS_CHECK_MS)
 
     def close(self) -> None:

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import gc
+import json
 import logging
 import multiprocessing
 import os
@@ -21,6 +22,8 @@ from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.logs import configure_child_logging
+from caris_desktop.recording.session_export import ExportError, sessions_in
+from caris_desktop.recording.terminal import ProgressLine
 
 _log = logging.getLogger(__name__)
 _CONNECT_S = 10.0
@@ -228,3 +231,53 @@ def _open_cluster(address: str) -> Iterator[Executor]:
 
 def _program_version() -> str:
     return __version__
+
+
+# Jobs over the sessions of a command's argument: one JSON object a session on standard output.
+
+
+def add_session_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the sessions, and how many are worked on at a time."""
+    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="session folder, or study folder")
+    parser.add_argument(
+        "--threads",
+        metavar="N",
+        type=int,
+        help="threads per session (default: its share of the processors)",
+    )
+    add_worker_arguments(parser)
+
+
+def run_over_sessions(
+    job: Callable[[argparse.Namespace, Path, Progress], dict[str, object]], arguments: argparse.Namespace
+) -> int:
+    """Run ``job`` on each session with its share of ``arguments.threads``; exit status 1 if any failed."""
+    if arguments.threads is not None and arguments.threads < 1:
+        print("--threads must be at least 1.", file=sys.stderr)
+        return 2
+    try:
+        folders = sessions_in(arguments.recording)
+    except ExportError as error:
+        print(error, file=sys.stderr)
+        return 1
+    workers = workers_of(arguments)
+    at_a_time = workers.at_a_time(len(folders))
+    if arguments.threads is None:
+        arguments.threads = max(1, (os.cpu_count() or 1) // max(1, at_a_time))
+    failed = 0
+    try:
+        with ProgressLine() as line:
+            for folder, result in run_jobs(partial(job, arguments), folders, line.show, workers=workers):
+                line.clear()
+                if isinstance(result, JobError):
+                    print(f"{folder.name}: {result}", file=sys.stderr)
+                    failed += 1
+                else:
+                    print(json.dumps(result), flush=True)
+    except WorkersError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nCancelled. What was finished before is saved.", file=sys.stderr)
+        return 130
+    return 1 if failed else 0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 from PySide6.QtCore import SignalInstance
 
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
@@ -72,6 +73,9 @@ class WizardConsole(Protocol):
         """Read files in a background thread: ``done`` receives the result of ``read``, ``failed`` its exception, which
         is otherwise reported. In the order of calls.
         """
+
+    def report(self, problem: Problem) -> None:
+        """Report a problem to wizard and record."""
 
     def robots(self) -> Sequence[RobotChoice]:
         """Available robots: shipped profiles and the user's own. Reads files, in any thread: call with

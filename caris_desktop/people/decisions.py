@@ -27,11 +27,10 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
-from caris_desktop.people.portrait_store import Portraits
-from caris_desktop.people.visit_log import Visit, VisitLog
+from caris_desktop.people.people_store import About, PeopleStoreError
+from caris_desktop.people.visit_log import Portraits, Visit, VisitLog
 
 MAX_NAME_LENGTH = 80
 MAX_NOTE_LENGTH = 4000
@@ -51,6 +50,10 @@ PeopleIntent = (
     | intents.UndoPeople
     | intents.ForgetPerson
 )
+
+
+# Intents about visits, or about nobody; the others are about a person.
+_OfVisits = intents.ConfirmPerson | intents.RejectPerson | intents.SplitPerson | intents.UndoPeople
 
 
 class _Done(Value):
@@ -74,6 +77,8 @@ class Decisions:
 
     def do(self, intent: PeopleIntent, now_ns: int) -> list[Event]:
         """Events of an intent; a Problem if it cannot be executed."""
+        if not isinstance(intent, _OfVisits) and not self._exists(intent.person_id):
+            return [_unknown(now_ns)]
         match intent:
             case intents.NamePerson(person_id=person_id, name=name):
                 return self._name(person_id, _one_line(name), now_ns, intent.actor)
@@ -97,7 +102,10 @@ class Decisions:
             case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
                 return self._split(person_id, visit_id, now_ns, intent.actor)
             case intents.NoteConsent():
-                return self._note_consent(intent, now_ns)
+                root = self._known.root_of(intent.person_id)
+                back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
+                self._remember("consent", root, "", back)
+                return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
             case intents.UndoPeople():
                 return self._undo(now_ns, intent.actor)
             case intents.ForgetPerson(person_id=person_id):
@@ -133,6 +141,14 @@ class Decisions:
         by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
         return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]
 
+    def begin_another(self, visit: Visit, now_ns: int) -> Visit:
+        """Begin the visit of another person on the tracks of this one."""
+        new_id = self._known.add()
+        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        for track in tuple(visit.tracks):
+            self._visits.begin(other, track)
+        return other
+
     def forget_decisions(self) -> None:
         """Clear the undo history."""
         self._done.clear()
@@ -141,9 +157,7 @@ class Decisions:
         return len(self._done)
 
     def _name(self, person_id: str, name: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
-        root = self._root(person_id)
+        root = self._known.root_of(person_id)
         back = self._known.describe(root, replace(self._known.about(root), name=name))
         self._remember("named", root, "", back)
         self._store_known(root)
@@ -164,9 +178,7 @@ class Decisions:
     def _describe(
         self, person_id: str, detail: PersonDetail, changes: dict[str, object], now_ns: int, actor: Actor
     ) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
-        root = self._root(person_id)
+        root = self._known.root_of(person_id)
         about: About = replace(self._known.about(root), **changes)  # type: ignore[arg-type]
         if about == self._known.about(root):
             return []
@@ -194,9 +206,9 @@ class Decisions:
         return [PersonRejected(now_ns, visit.visit_id, root, actor)]
 
     def _merge(self, person_id: str, into_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not (self._exists(person_id) and self._exists(into_person_id)):
+        if not self._exists(into_person_id):
             return [_unknown(now_ns)]
-        root, into = self._root(person_id), self._root(into_person_id)
+        root, into = self._known.root_of(person_id), self._known.root_of(into_person_id)
         if root == into:
             return []
         back = [self._given_to(visit, into) for visit in self._visits.of_person(root)]
@@ -220,12 +232,8 @@ class Decisions:
         if not visit.here:
             return [_unknown(now_ns)]
         # A different person is there now: the visit ends, and a new one begins on the same tracks.
-        tracks = tuple(visit.tracks)
-        new_id = self._known.add()
-        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        other = self.begin_another(visit, now_ns)
         visit.here = False
-        for track in tracks:
-            self._visits.begin(other, track)
 
         def back_again() -> None:
             for track in tuple(other.tracks):
@@ -234,21 +242,13 @@ class Decisions:
             visit.leave_to_wizard()
             self._visits.drop(other)
 
-        self._remember("split", new_id, root, back_again)
-        number = self._visits.number_of(new_id)
+        self._remember("split", other.visit_id, root, back_again)
+        number = self._visits.number_of(other.visit_id)
         return [
             PersonLeft(now_ns, root, visit.track),
-            PersonSplit(now_ns, new_id, root, actor),
-            PersonAppeared(now_ns, new_id, visit.track, number),
+            PersonSplit(now_ns, other.visit_id, root, actor),
+            PersonAppeared(now_ns, other.visit_id, visit.track, number),
         ]
-
-    def _note_consent(self, intent: intents.NoteConsent, now_ns: int) -> list[Event]:
-        if not self._exists(intent.person_id):
-            return [_unknown(now_ns)]
-        root = self._root(intent.person_id)
-        back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
-        self._remember("consent", root, "", back)
-        return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
 
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
         if not self._done:
@@ -267,10 +267,8 @@ class Decisions:
         return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, actor)]
 
     def _forget(self, person_id: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
-        root = self._root(person_id)
-        visits = [visit for visit in self._visits if self._root(visit.person_id) == root]
+        root = self._known.root_of(person_id)
+        visits = [visit for visit in self._visits if self._known.root_of(visit.person_id) == root]
         try:
             ids = set(self._known.forget(root)) | {visit.visit_id for visit in visits}
         except PeopleStoreError as error:
@@ -293,12 +291,10 @@ class Decisions:
             self._visits.drop(visit)
             if visit.here:
                 # Still in view, as an unknown person.
-                new_id = self._known.add()
-                other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+                other = self.begin_another(visit, now_ns)
                 other.forgotten = True
-                for track in tuple(visit.tracks):
-                    self._visits.begin(other, track)
-                events.append(PersonAppeared(now_ns, new_id, visit.track, self._visits.number_of(new_id)))
+                number = self._visits.number_of(other.visit_id)
+                events.append(PersonAppeared(now_ns, other.visit_id, visit.track, number))
         return events
 
     def _given_to(self, visit: Visit, person_id: str) -> Undo:
@@ -321,14 +317,11 @@ class Decisions:
         concerns = {*self._known.ids_of(person_id), *(self._known.ids_of(is_person_id) if is_person_id else ())}
         self._done.append(_Done(decision, person_id, is_person_id, frozenset(concerns), take_back))
 
-    def _root(self, person_id: str) -> str:
-        return self._known.root_of(person_id)
-
     def _exists(self, person_id: str) -> bool:
         return (
             self._visits.find(person_id) is not None
             or self._known.is_known(person_id)
-            or self._known.identities.knows(self._root(person_id))
+            or self._known.identities.knows(self._known.root_of(person_id))
         )
 
 

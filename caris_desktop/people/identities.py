@@ -330,7 +330,11 @@ class Identities:
         wins: dict[str, float] = {}
         embedding_count = lasted_ns = 0
         for by, recent in self._recent.get(person_id, {}).items():
-            gallery = self._gallery(by)
+            if self._galleries is None:
+                self._galleries = {}
+            if by not in self._galleries:
+                self._galleries[by] = self._built(by)
+            gallery = self._galleries[by]
             alike = gallery.likeness(np.stack(recent.vectors))
             line = self._lines[by[0]]
             candidates = [
@@ -368,13 +372,6 @@ class Identities:
         """Number of stored vectors, for memory monitoring."""
         learned = sum(len(views.vectors()) for each in self._views.values() for views in each.values())
         return learned + sum(len(recent.vectors) for each in self._recent.values() for recent in each.values())
-
-    def _gallery(self, by: _By) -> Gallery:
-        if self._galleries is None:
-            self._galleries = {}
-        if by not in self._galleries:
-            self._galleries[by] = self._built(by)
-        return self._galleries[by]
 
     def _built(self, by: _By) -> Gallery:
         of_person: dict[str, list[Vectors]] = {}

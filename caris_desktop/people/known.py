@@ -8,16 +8,15 @@ from typing import TypeVar
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
-from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import Identities
 from caris_desktop.people.people_store import (
+    About,
     Consent,
     HistoryEntry,
     HistoryKind,
     PeopleStore,
+    PeopleStoreError,
     StoredEmbeddings,
     StoredPerson,
     new_person_id,
@@ -30,14 +29,6 @@ _SUMMARY_CHARACTERS = 300
 _MAX_HISTORY = 50
 
 Undo = Callable[[], None]
-
-
-class KnownPerson(Value):
-    """Known person. ``person_id`` is their main id."""
-
-    person_id: str
-    about: About
-    last_seen_utc_ns: int = 0
 
 
 class KnownPeople:
@@ -65,7 +56,7 @@ class KnownPeople:
 
     def _load(self, store: PeopleStore) -> None:
         try:
-            store.expire(day_began_utc_ns=self._day_began_utc_ns())
+            store.expire(day_began_utc_ns=self._midnight_utc_ns())
             everybody = store.everybody()
             consents, rejections, embeddings = store.consents(), store.rejections(), store.embeddings()
         except PeopleStoreError as error:
@@ -98,11 +89,9 @@ class KnownPeople:
     def utc_now_ns(self) -> int:
         return round(self._now().timestamp() * 1e9)
 
-    def _end_of_day_utc_ns(self) -> int:
-        return round(datetime.combine(self._now().date() + timedelta(days=1), time.min).timestamp() * 1e9)
-
-    def _day_began_utc_ns(self) -> int:
-        return round(datetime.combine(self._now().date(), time.min).timestamp() * 1e9)
+    def _midnight_utc_ns(self, *, days_later: int = 0) -> int:
+        """Beginning of this day, or of a later one."""
+        return round(datetime.combine(self._now().date() + timedelta(days_later), time.min).timestamp() * 1e9)
 
     def turn_day(self) -> bool:
         """True after midnight, when clothing embeddings expire."""
@@ -110,7 +99,7 @@ class KnownPeople:
             return False
         self._day = self.today()
         self.identities.drop("clothing")
-        self._write(lambda store: store.expire(day_began_utc_ns=self._day_began_utc_ns()))
+        self._write(lambda store: store.expire(day_began_utc_ns=self._midnight_utc_ns()))
         return True
 
     # Ids
@@ -138,10 +127,9 @@ class KnownPeople:
         """True if the wizard noted anything about them."""
         return self.root_of(person_id) in self._abouts
 
-    def everybody(self) -> tuple[KnownPerson, ...]:
-        """All known people, most recently seen first."""
-        known = (KnownPerson(each, about, self._last_seen_utc_ns.get(each, 0)) for each, about in self._abouts.items())
-        return tuple(sorted(known, key=lambda person: -person.last_seen_utc_ns))
+    def everybody(self) -> list[tuple[str, About]]:
+        """Main ids of all known people with the notes on them, most recently seen first."""
+        return sorted(self._abouts.items(), key=lambda known: -self._last_seen_utc_ns.get(known[0], 0))
 
     def namesakes(self, person_id: str, name: str) -> bool:
         """True if another person has that name."""
@@ -251,16 +239,13 @@ class KnownPeople:
             if kind == "face" and not may_keep_face:
                 self.identities.drop("face", [person_id])
                 continue
-            stored = StoredEmbeddings(person_id, kind, model, self._day_of(kind), vectors)
-            expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
+            stored = StoredEmbeddings(person_id, kind, model, self._day if kind == "clothing" else "", vectors)
+            expires_utc_ns = self._midnight_utc_ns(days_later=1) if kind == "clothing" else None
             self._write(
                 lambda store, stored=stored, expires=expires_utc_ns: store.store_embeddings(
                     stored, expires_utc_ns=expires
                 )  # type: ignore[misc]
             )
-
-    def _day_of(self, kind: LooksKind) -> str:
-        return self._day if kind == "clothing" else ""
 
     def store_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
         self._write(lambda store: store.store_portrait(person_id, jpeg, quality))

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,6 @@ _EDGE = 0.05  # fraction of the height: a box that ends this close to the lower 
 _DEEPEST_M = 8.0
 _DEPTH_ERROR = 0.02  # per metre, for a stereo baseline of 7.5 cm: the error grows with the square of the distance
 _FLOOR_ERROR = 0.08  # fraction of the distance: how precisely a box ends at the feet
-
-
-def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
-    """Positions of people that a camera on the robot and the LIDAR both see. ``camera`` is its pose at that time."""
-    return _placed(people, camera, map_from_robot, _points_in_robot(scan, map_from_robot), by_floor=False)
 
 
 def _placed(
@@ -166,12 +161,7 @@ def _moved(points: NDArray[np.float64], by: Pose2D) -> NDArray[np.float64]:
     return moved
 
 
-class _Stamped(Protocol):
-    @property
-    def stamp_ns(self) -> int: ...
-
-
-_S = TypeVar("_S", bound=_Stamped)
+_S = TypeVar("_S", LaserScan, RobotPose, HeadState, DepthGrid)
 
 
 class PeopleLocator:

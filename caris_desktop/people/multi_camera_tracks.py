@@ -21,82 +21,6 @@ _IN_VIEW_NS = 1_500_000_000
 """Whom a camera saw so lately it still sees, as that track and no other."""
 
 
-class MultiCameraTracks:
-    """Feeds :class:`CrossCameraMatcher` with all cameras' detections, and applies its results."""
-
-    def __init__(self, visits: VisitLog, decisions: Decisions, known: KnownPeople) -> None:
-        self._visits = visits
-        self._decisions = decisions
-        self._known = known
-        self._together = CrossCameraMatcher()
-
-    def see(self, track: Track, now_ns: int) -> None:
-        """Note that the track is in its camera's image now."""
-        self._together.see(track, now_ns)
-
-    def add_embeddings(self, embedding: PersonLooks) -> None:
-        self._together.add_embeddings(embedding)
-
-    def add_places(self, places: PeopleInMap) -> None:
-        for place in places.people:
-            if place.track >= 0:
-                spot = Spot(places.stamp_ns, place.x_m, place.y_m, place.spread_m)
-                self._together.add_spot((places.camera, place.track), spot)
-
-    def forget(self) -> None:
-        """Clear all tracks after a restart of the trackers."""
-        self._together.forget()
-
-    def seen_by_another(self, track: Track) -> Visit | None:
-        """Visit of this track's person, who is already seen by another camera."""
-        for partner in self._together.partners(track):
-            visit = self._visits.of_track(partner)
-            # A person whom this camera sees as another track is a different one.
-            if visit is not None and visit.here and not self._in_view_of(visit, track[0]):
-                return visit
-        return None
-
-    def join_and_part(self, now_ns: int) -> list[Event]:
-        """Join visits of one person, and split off tracks of different people."""
-        events: list[Event] = []
-        here = self._visits.here()
-        for visit in here:
-            if len(visit.tracks) > 1:
-                self._part(visit)
-        if len({visit.camera for visit in here}) < 2:
-            return events
-        for visit in sorted(here, key=lambda each: each.since_ns, reverse=True):
-            other = self.seen_by_another((visit.camera, visit.track))
-            if other is None or other.person_id == visit.person_id or self._never(visit, other):
-                continue
-            newer, older = (other, visit) if self._is_decided(visit) else (visit, other)
-            if self._is_decided(newer):
-                continue  # two known people: only the wizard may decide that
-            events += self._decisions.identify(newer, older.person_id, now_ns, both_here=True)
-        return events
-
-    def _in_view_of(self, visit: Visit, camera: str) -> bool:
-        times_ns = (self._together.seen_ns(track) for track in visit.tracks if track[0] == camera)
-        return any(visit.last_seen_ns - at_ns <= _IN_VIEW_NS for at_ns in times_ns)
-
-    def _is_decided(self, visit: Visit) -> bool:
-        return visit.identified or self._known.is_known(visit.person_id)
-
-    def _never(self, one: Visit, other: Visit) -> bool:
-        """True if the wizard said that these are two people."""
-        return (
-            other.person_id in self._known.rejected_for(one.visit_id)
-            or one.person_id in self._known.rejected_for(other.visit_id)
-        )  # fmt: skip
-
-    def _part(self, visit: Visit) -> None:
-        """Detach tracks with a different position, which become candidates again."""
-        main_track = (visit.camera, visit.track)
-        for track in tuple(visit.tracks - {main_track}):
-            if track[0] != visit.camera and self._together.verdict(main_track, track) == "different":
-                self._visits.detach(track)
-
-
 Verdict = Literal["same", "different", "unknown"]
 
 _MAX_SPOTS = 20
@@ -251,6 +175,71 @@ class CrossCameraMatcher:
         # A track without a position may be anywhere.
         rivals = [score for score, _, likeness in rated[1:] if likeness.pairs or not rated[0][2].pairs]
         return rated[0][1] if not rivals or rated[0][0] - rivals[0] >= _CLEARLY else None
+
+
+class MultiCameraTracks(CrossCameraMatcher):
+    """Matcher that applies its results to the visits."""
+
+    def __init__(self, visits: VisitLog, decisions: Decisions, known: KnownPeople) -> None:
+        self._visits = visits
+        self._decisions = decisions
+        self._known = known
+        super().__init__()
+
+    def add_places(self, places: PeopleInMap) -> None:
+        for place in places.people:
+            if place.track >= 0:
+                spot = Spot(places.stamp_ns, place.x_m, place.y_m, place.spread_m)
+                self.add_spot((places.camera, place.track), spot)
+
+    def seen_by_another(self, track: Track) -> Visit | None:
+        """Visit of this track's person, who is already seen by another camera."""
+        for partner in self.partners(track):
+            visit = self._visits.of_track(partner)
+            # A person whom this camera sees as another track is a different one.
+            if visit is not None and visit.here and not self._in_view_of(visit, track[0]):
+                return visit
+        return None
+
+    def join_and_part(self, now_ns: int) -> list[Event]:
+        """Join visits of one person, and split off tracks of different people."""
+        events: list[Event] = []
+        here = self._visits.here()
+        for visit in here:
+            if len(visit.tracks) > 1:
+                self._part(visit)
+        if len({visit.camera for visit in here}) < 2:
+            return events
+        for visit in sorted(here, key=lambda each: each.since_ns, reverse=True):
+            other = self.seen_by_another((visit.camera, visit.track))
+            if other is None or other.person_id == visit.person_id or self._never(visit, other):
+                continue
+            newer, older = (other, visit) if self._is_decided(visit) else (visit, other)
+            if self._is_decided(newer):
+                continue  # two known people: only the wizard may decide that
+            events += self._decisions.identify(newer, older.person_id, now_ns, both_here=True)
+        return events
+
+    def _in_view_of(self, visit: Visit, camera: str) -> bool:
+        times_ns = (self.seen_ns(track) for track in visit.tracks if track[0] == camera)
+        return any(visit.last_seen_ns - at_ns <= _IN_VIEW_NS for at_ns in times_ns)
+
+    def _is_decided(self, visit: Visit) -> bool:
+        return visit.identified or self._known.is_known(visit.person_id)
+
+    def _never(self, one: Visit, other: Visit) -> bool:
+        """True if the wizard said that these are two people."""
+        return (
+            other.person_id in self._known.rejected_for(one.visit_id)
+            or one.person_id in self._known.rejected_for(other.visit_id)
+        )  # fmt: skip
+
+    def _part(self, visit: Visit) -> None:
+        """Detach tracks with a different position, which become candidates again."""
+        main_track = (visit.camera, visit.track)
+        for track in tuple(visit.tracks - {main_track}):
+            if track[0] != visit.camera and self.verdict(main_track, track) == "different":
+                self._visits.detach(track)
 
 
 def _alike(one: Sighting, other: Sighting) -> float | None:

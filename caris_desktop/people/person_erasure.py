@@ -10,8 +10,7 @@ from pathlib import Path
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.people_store import PeopleStore, StoredPerson
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError, StoredPerson
 
 _LEAST_FREE_BYTES = 1 << 20
 _NOTHING_CHANGED = QT_TR_NOOP("No person was erased; nothing was changed.")

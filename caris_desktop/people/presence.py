@@ -32,8 +32,7 @@ from caris_desktop.people.identities import GOOD_QUALITY
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.multi_camera_tracks import MultiCameraTracks
 from caris_desktop.people.people_store import HistoryEntry
-from caris_desktop.people.portrait_store import Portraits
-from caris_desktop.people.visit_log import Spot, Track, Visit, VisitLog
+from caris_desktop.people.visit_log import Portraits, Spot, Track, Visit, VisitLog
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
@@ -335,11 +334,11 @@ class PresenceTracker:
         present_ids = {row.person_id for row in rows}
         before = tuple(
             PersonRow(
-                known.person_id, -1, self._name_of(known.person_id), here=False, since_ns=0, last_seen_ns=0,
-                known=True, group=known.about.group, tags=known.about.tags, note=known.about.note,
-                portrait=self._portrait_of(known.person_id), consents=self._known.consents(known.person_id),
+                known_id, -1, self._name_of(known_id), here=False, since_ns=0, last_seen_ns=0,
+                known=True, group=about.group, tags=about.tags, note=about.note,
+                portrait=self._portrait_of(known_id), consents=self._known.consents(known_id),
             )
-            for known in self._known.everybody() if known.person_id not in present_ids
+            for known_id, about in self._known.everybody() if known_id not in present_ids
         )  # fmt: skip
         return (*sorted(rows, key=lambda row: not row.here), *before)
 
@@ -496,18 +495,13 @@ class PresenceTracker:
 
     def _replace_by_another(self, visit: Visit, now_ns: int) -> list[Event]:
         """End the visit and begin another: a track that switched people must not pass on a name."""
-        tracks = tuple(visit.tracks)
         events = self._leave(visit, now_ns)
-        new_id = self._known.add()
-        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        other = self._decisions.begin_another(visit, now_ns)
         other.seen_by_camera_ns = now_ns
-        for track in tracks:
-            self._visits.begin(other, track)
-        number = self._visits.number_of(new_id)
         return [
             *events,
-            PersonSplit(now_ns, new_id, visit.person_id, CONSOLE),
-            PersonAppeared(now_ns, new_id, other.track, number),
+            PersonSplit(now_ns, other.visit_id, visit.person_id, CONSOLE),
+            PersonAppeared(now_ns, other.visit_id, other.track, self._visits.number_of(other.visit_id)),
         ]
 
     def _recognise(self, visit: Visit, embedding: PersonLooks) -> list[Event]:
@@ -778,7 +772,7 @@ def same_visit(
     possible: list[tuple[float, Visit]] = []
     for visit in lost:
         gap_ns = now_ns - visit.last_seen_ns
-        away_m = _apart_m(candidate.spot, visit.spot)
+        away_m = None if candidate.spot is None or visit.spot is None else math.dist(candidate.spot, visit.spot)
         if away_m is not None and away_m > _STANDS_WITHIN_M + _WALKS_MPS * gap_ns / 1e9:
             continue
         if away_m is None and gap_ns > SHORT_GAP_NS:
@@ -800,7 +794,3 @@ def same_visit(
 def _alike(visit: Visit, embeddings: Sequence[PersonLooks], likeness: Likeness) -> float | None:
     similarities = [alike for each in embeddings if (alike := likeness(visit.visit_id, each)) is not None]
     return sum(similarities) / len(similarities) if similarities else None
-
-
-def _apart_m(one: Spot | None, other: Spot | None) -> float | None:
-    return None if one is None or other is None else math.dist(one, other)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.model_files import WrongChecksum, read_checked
+from caris_desktop.domain.model_files import WrongChecksum, onnx_options, read_checked
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 log = logging.getLogger(__name__)
@@ -22,50 +22,64 @@ _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 
 
-class AppearanceError(Exception):
+class EmbeddingModelError(Exception):
     """Unusable network file. The message is for the wizard."""
 
 
-class AppearanceModel:
-    """Re-identification network. For one thread. ``name`` is the file's name and the beginning of its checksum, since
-    vectors of two networks are not comparable. A checksum next to the file (``.sha256``) must match.
+class EmbeddingModel:
+    """ONNX network for embeddings of images of ``size_px`` (height, width). For one thread. ``name`` is the file's name
+    and the beginning of its checksum, since vectors of two networks are not comparable.
+
+    A checksum next to the file (``.sha256``) must match. The texts say for the wizard why a file cannot be used.
 
     Raises
     ------
-    AppearanceError
+    EmbeddingModelError
         When the file cannot be used.
     """
 
-    def __init__(self, path: Path, *, threads: int = 1) -> None:
+    def __init__(
+        self, path: Path, *, threads: int, size_px: tuple[int, int], unreadable: str, unloadable: str, wrong_input: str
+    ) -> None:
         # The console imports this module for its types, without onnxruntime.
-        from caris_desktop.perception.backends.onnx import session_options
-        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+        from caris_desktop.perception.backends.ultralytics_runtime import prepare_runtimes
 
         prepare_runtimes(threads=threads)
         import onnxruntime
 
-        options = session_options(threads)
         try:
             content, digest = read_checked(path)
-            self._session: Any = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+            self._session: Any = onnxruntime.InferenceSession(
+                content, onnx_options(threads), providers=["CPUExecutionProvider"]
+            )
         except WrongChecksum as error:
-            raise AppearanceError(str(error)) from error
+            raise EmbeddingModelError(str(error)) from error
+        except OSError as error:
+            raise EmbeddingModelError(localized(unreadable, name=path.name)) from error
         except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
-            raise AppearanceError(
-                localized(QT_TR_NOOP("The re-identification model {name} could not be loaded."), name=path.name)
-            ) from error
+            raise EmbeddingModelError(localized(unloadable, name=path.name)) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
-        if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:
-            raise AppearanceError(
-                localized(
-                    QT_TR_NOOP("{name} is not a re-identification model: its input is not 3 x 256 x 128."),
-                    name=path.name,
-                )
-            )
+        if len(first.shape) != 4 or list(first.shape[1:]) != [3, *size_px]:
+            raise EmbeddingModelError(localized(wrong_input, name=path.name))
         self._one_by_one = first.shape[0] == 1
+
+
+class AppearanceModel(EmbeddingModel):
+    """Re-identification network. Raises EmbeddingModelError."""
+
+    def __init__(self, path: Path, *, threads: int = 1) -> None:
+        unloadable = QT_TR_NOOP("The re-identification model {name} could not be loaded.")
+        super().__init__(
+            path,
+            threads=threads,
+            size_px=(HEIGHT_PX, WIDTH_PX),
+            unreadable=unloadable,
+            unloadable=unloadable,
+            wrong_input=QT_TR_NOOP("{name} is not a re-identification model: its input is not 3 x 256 x 128."),
+        )
         self.embed(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # warm-up: slow
 
     def embed(self, image_bgr: NDArray[np.uint8], corners_px: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -4,24 +4,19 @@ With eyes and nose from the detector, the face is rotated and scaled to the netw
 the middle of the head area is used, with a lower quality.
 """
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.person_values import PersonLooks
-from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
+from caris_desktop.perception.appearance_embedding import EmbeddingModel
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
-
-log = logging.getLogger(__name__)
 
 SIDE_PX = 112
 # Reference positions of eyes and nose in the networks' training data (insightface, arcface_src).
@@ -36,50 +31,18 @@ _NOT_SOONER_NS = 500_000_000
 _MAX_FACES = 500
 
 
-class FaceModelError(Exception):
-    """Unusable or wrong network file. The message is for the wizard."""
-
-
-class FaceModel:
-    """Face network. For one thread. ``name`` identifies it, as vectors of two networks are not comparable.
-
-    A file of the same name plus ``.sha256`` in its folder must contain its checksum. Raises FaceModelError.
-    """
+class FaceModel(EmbeddingModel):
+    """Face network. Raises EmbeddingModelError."""
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        from caris_desktop.perception.backends.onnx import session_options
-        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
-
-        try:
-            content, digest = read_checked(path)
-        except OSError as error:
-            raise FaceModelError(
-                localized(QT_TR_NOOP("The face recognition model {name} cannot be read."), name=path.name)
-            ) from error
-        except WrongChecksum as error:
-            raise FaceModelError(str(error)) from error
-        prepare_runtimes(threads=threads)
-        import onnxruntime
-
-        try:
-            self._session: Any = onnxruntime.InferenceSession(
-                content, session_options(threads), providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises undocumented types
-            log.info("could not load %s", path, exc_info=True)
-            raise FaceModelError(
-                localized(QT_TR_NOOP("The face recognition model {name} could not be loaded."), name=path.name)
-            ) from error
-        self.name = f"{path.stem}-{digest[:8]}"
-        first = self._session.get_inputs()[0]
-        self._input = first.name
-        if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
-            raise FaceModelError(
-                localized(
-                    QT_TR_NOOP("{name} is not a face recognition model: its input is not 3 x 112 x 112."),
-                    name=path.name,
-                )
-            )
+        super().__init__(
+            path,
+            threads=threads,
+            size_px=(SIDE_PX, SIDE_PX),
+            unreadable=QT_TR_NOOP("The face recognition model {name} cannot be read."),
+            unloadable=QT_TR_NOOP("The face recognition model {name} could not be loaded."),
+            wrong_input=QT_TR_NOOP("{name} is not a face recognition model: its input is not 3 x 112 x 112."),
+        )
         self.embed(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 
     def embed(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -90,16 +53,25 @@ class FaceModel:
         return np.asarray(vector / max(1e-12, float(np.linalg.norm(vector))), np.float32)
 
 
+class FaceCrop(Value):
+    """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
+
+    image_bgr: NDArray[np.uint8]
+    quality: float
+
+
 class StudyFaces:
     """Face embeddings where the scenario permits them, with the study's network if it has one. For one thread.
 
-    The network is opened on the first permitted use.
+    The network is opened on the first permitted use. At most two faces per second and track, and one per image: the
+    track that waited longest.
     """
 
     def __init__(self, path: Path | None, *, threads: int = 1) -> None:
         self._path = path
         self._threads = threads
-        self._faces: Faces | None = None
+        self._model: FaceModel | None = None
+        self._detected_ns: dict[int, int] = {}
 
     def extract(
         self,
@@ -108,37 +80,18 @@ class StudyFaces:
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
-        """As :meth:`Faces.taken`; empty if faces are not permitted. Raises FaceModelError, once."""
+        """Embedding of a due face, if any; empty if faces are not permitted. Raises EmbeddingModelError, once.
+
+        ``keypoints`` are the detector's, shape (detections, 17, 3), or None.
+        """
         if not request.faces:
             return []
         path, self._path = self._path, None
         if path is not None and path.is_file():
-            self._faces = Faces(FaceModel(path, threads=self._threads))
-        return [] if self._faces is None else self._faces.extract(image_bgr, request.frame, boxes, keypoints)
-
-
-class FaceCrop(Value):
-    """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
-
-    image_bgr: NDArray[np.uint8]
-    quality: float
-
-
-class Faces:
-    """For one thread. At most two faces per second and track, and one per image: the track that waited longest."""
-
-    def __init__(self, model: FaceModel) -> None:
-        self._model = model
-        self._detected_ns: dict[int, int] = {}
-
-    def extract(
-        self,
-        image_bgr: NDArray[np.uint8],
-        frame: FrameRef,
-        boxes: Sequence[TrackedBox],
-        keypoints: NDArray[np.float64] | None,
-    ) -> list[PersonLooks]:
-        """Embedding of a due face, if any. ``keypoints`` are the detector's, shape (detections, 17, 3), or None."""
+            self._model = FaceModel(path, threads=self._threads)
+        model, frame = self._model, request.frame
+        if model is None:
+            return []
         due = [
             box
             for box in boxes
@@ -152,9 +105,8 @@ class Faces:
             self._detected_ns[box.track] = frame.stamp_ns
             if len(self._detected_ns) > _MAX_FACES:
                 del self._detected_ns[next(iter(self._detected_ns))]
-            vector = self._model.embed(face.image_bgr)
-            name = self._model.name
-            return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", name, vector, face.quality)]
+            vector = model.embed(face.image_bgr)
+            return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", model.name, vector, face.quality)]
         return []
 
 
@@ -164,7 +116,15 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
     ``keypoints`` are those of this person, shape (17, 3): x, y in pixels, visibility.
     """
     if keypoints is None:
-        return _guessed(image_bgr, box)
+        # Middle of the upper end of the box, in the usual ratio of head to shoulder width.
+        side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
+        left, top = box.left_px + (box.width_px - side) / 2, box.top_px
+        height, width = image_bgr.shape[:2]
+        if side < _LEAST_HEAD_PX or left < 0 or top < 0 or left + side > width or top + side > height:
+            return None
+        crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
+        image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
+        return FaceCrop(image, _BY_GUESS * box.quality)
     points = keypoints[[_NOSE, _LEFT_EYE, _RIGHT_EYE]]
     eyes_px = float(np.linalg.norm(points[1, :2] - points[2, :2]))
     if points[:, 2].min() < _VISIBLE or eyes_px < _LEAST_EYES_PX:
@@ -172,18 +132,6 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
     turned = _similarity(points[:, :2], _PLACES)
     image = cv2.warpAffine(image_bgr, turned, (SIDE_PX, SIDE_PX), flags=cv2.INTER_LINEAR).astype(np.uint8)
     return FaceCrop(image, box.quality * min(1.0, eyes_px / (2.5 * _LEAST_EYES_PX)))
-
-
-def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
-    """Middle of the upper end of the box, in the usual ratio of head to shoulder width."""
-    side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
-    left, top = box.left_px + (box.width_px - side) / 2, box.top_px
-    height, width = image_bgr.shape[:2]
-    if side < _LEAST_HEAD_PX or left < 0 or top < 0 or left + side > width or top + side > height:
-        return None
-    crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
-    image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
-    return FaceCrop(image, _BY_GUESS * box.quality)
 
 
 def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

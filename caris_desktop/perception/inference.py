@@ -18,8 +18,9 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
+from caris_desktop.perception.appearance_embedding import EmbeddingModelError
 from caris_desktop.perception.detector import DetectorAwayError
-from caris_desktop.perception.faces import FaceModelError, StudyFaces
+from caris_desktop.perception.faces import StudyFaces
 from caris_desktop.perception.inference_messages import (
     OWN_TRACKER,
     DetectionRequest,
@@ -41,7 +42,7 @@ _ASK_AGAIN_AFTER_S = 2.0
 
 
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
-    """Process entry point: receives ``Look``s and answers with ``People`` for the newest.
+    """Process entry point: receives ``DetectionRequest``s and answers with ``People`` for the newest.
 
     Sends ``InferenceReady`` or ``InferenceFailed`` first. Of waiting frames only the newest is processed; each
     processed frame yields one ``People`` (possibly empty) or one ``FrameSkipped``. ``People`` are followed by
@@ -61,28 +62,36 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         raise
     except WeightsError as error:
         log.error("no detector: %s; searched: %s", error, "; ".join(error.searched))  # noqa: TRY400 - no traceback
-        _fail(connection, _weights_problem(error))
+        meaning: str = QT_TR_NOOP("People are not detected; everything else works.")
+        if error.searched:
+            meaning = localized(
+                QT_TR_NOOP("People are not detected; everything else works. Searched: {places}."),
+                places=joined(error.searched, "; "),
+            )
+        advice = localized(QT_TR_NOOP("{advice}."), advice=error.advice)
+        _fail(connection, localized(QT_TR_NOOP("{error}."), error=error), meaning, advice)
     except Exception:
         log.exception("the detector could not be started")
-        _fail(connection, _start_problem())
+        _fail(
+            connection,
+            QT_TR_NOOP("The person detector could not be started."),
+            QT_TR_NOOP("People are not detected; everything else works."),
+            QT_TR_NOOP("Run the setup again; see the log for details."),
+        )
     load_s = (clock.now_ns() - started_ns) / 1e9
     log.info(
         "detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.appearance_model or "nothing"
     )
     server = without_credentials(settings.detector.server)
-    recognises = _recognises(perceiver, settings)
+    clothing: tuple[LooksKind, ...] = ("clothing",) if perceiver.appearance_model else ()
+    has_faces = settings.face_model is not None and settings.face_model.is_file()
+    recognises = (*clothing, "face") if has_faces else clothing
     connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises, perceiver.plugins))
     if perceiver.trouble:
         connection.send(_appearance_problem(perceiver.trouble))
     if perceiver.unknown_things:
         connection.send(_things_problem(perceiver))
     _follow(connection, frames, perceiver, settings)
-
-
-def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[LooksKind, ...]:
-    clothing: tuple[LooksKind, ...] = ("clothing",) if perceiver.appearance_model else ()
-    has_faces = settings.face_model is not None and settings.face_model.is_file()
-    return (*clothing, "face") if has_faces else clothing
 
 
 def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
@@ -150,7 +159,12 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
             failures += 1
             log.exception("frame %d of %s could not be processed", ref.sequence, ref.camera)
             if failures >= _FAILURES_AT_MOST:
-                _fail(connection, _processing_problem())
+                _fail(
+                    connection,
+                    QT_TR_NOOP("The person detector failed on several camera frames in a row."),
+                    QT_TR_NOOP("People are no longer detected; everything else works."),
+                    QT_TR_NOOP("Restart the program; see the log for details."),
+                )
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         failures, away = 0, ""
@@ -161,7 +175,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         try:
             for face in faces.extract(image_bgr, request, perceived.boxes, perceived.detections.keypoints):
                 connection.send(face)
-        except FaceModelError as error:
+        except EmbeddingModelError as error:
             connection.send(_faces_problem(str(error)))
         time.sleep(rest_s((clock.now_ns() - began_ns) / 1e9, settings))
 
@@ -206,9 +220,10 @@ def _embeddings(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[Pe
     ]
 
 
-def _fail(connection: Connection, problem: Problem) -> NoReturn:
+def _fail(connection: Connection, what: str, meaning: str, advice: str) -> NoReturn:
     """Report, then wait for the connection to close: an exit would count as a crash and be restarted."""
-    connection.send(InferenceFailed(clock.now_ns(), problem))
+    now_ns = clock.now_ns()
+    connection.send(InferenceFailed(now_ns, Problem(now_ns, "error", what, meaning, advice, until="people")))
     _wait_for_end(connection)
 
 
@@ -236,37 +251,20 @@ def rest_s(work_s: float, settings: InferenceSettings) -> float:
     return max(0.0, for_rate, for_load)
 
 
-def _weights_problem(error: WeightsError) -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "error",
-        localized(QT_TR_NOOP("{error}."), error=error),
-        localized(
-            QT_TR_NOOP("People are not detected; everything else works. Searched: {places}."),
-            places=joined(error.searched, "; "),
-        )
-        if error.searched
-        else QT_TR_NOOP("People are not detected; everything else works."),
-        localized(QT_TR_NOOP("{advice}."), advice=error.advice),
-        until="people",
-    )
+def _problem(what: str, meaning: str, advice: str) -> Problem:
+    return Problem(clock.now_ns(), "warning", what, meaning, advice, until="people")
 
 
 def _appearance_problem(trouble: str) -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "warning",
+    return _problem(
         trouble,
         QT_TR_NOOP("People are tracked, but a person who returns is not recognised by appearance."),
         QT_TR_NOOP("Replace or remove the file in the models folder; see the log for details."),
-        until="people",
     )
 
 
 def _away_problem(reason: str) -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "warning",
+    return _problem(
         localized(QT_TR_NOOP("{why}."), why=reason),
         QT_TR_NOOP(
             "The server detects people instead of this computer: no boxes are shown until it responds. "
@@ -276,15 +274,12 @@ def _away_problem(reason: str) -> Problem:
             "The console tries again every two seconds. Check that the server is running, or remove "
             "perception.server from the scenario."
         ),
-        until="people",
     )
 
 
 def _things_problem(perceiver: Perceiver) -> Problem:
     known = ", ".join(sorted(name for name in perceiver.class_names if name))
-    return Problem(
-        clock.now_ns(),
-        "warning",
+    return _problem(
         localized(
             QT_TR_NOOP("Classes unknown to the detector: {unknown_things}."),
             unknown_things=", ".join(perceiver.unknown_things),
@@ -306,27 +301,4 @@ def _faces_problem(trouble: str) -> Problem:
             "scenario permits it."
         ),
         QT_TR_NOOP("Replace or remove models/face.onnx in the study folder, then restart the program."),
-        until="people",
-    )
-
-
-def _start_problem() -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "error",
-        QT_TR_NOOP("The person detector could not be started."),
-        QT_TR_NOOP("People are not detected; everything else works."),
-        QT_TR_NOOP("Run the setup again; see the log for details."),
-        until="people",
-    )
-
-
-def _processing_problem() -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "error",
-        QT_TR_NOOP("The person detector failed on several camera frames in a row."),
-        QT_TR_NOOP("People are no longer detected; everything else works."),
-        QT_TR_NOOP("Restart the program; see the log for details."),
-        until="people",
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.box_motion import Floats
+from caris_desktop.perception.kalman_tracker import Floats
 from caris_desktop.perception.tracker import TrackedBox
 
 _SAME_PERSON, _LIKELY_SAME = 0.25, 0.4
@@ -41,7 +41,17 @@ def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[flo
     """
     one_for = linked(pictures, stamps_s)
     joined = [[replace(box, track=one_for[box.track]) for box in boxes] for boxes in pictures]
-    return _filled(joined, stamps_s)
+    filled = [list(boxes) for boxes in joined]
+    last_boxes: dict[int, tuple[int, TrackedBox]] = {}
+    for at, boxes in enumerate(joined):
+        for box in boxes:
+            before = last_boxes.get(box.track)
+            if before is not None and at - before[0] > 1 and stamps_s[at] - stamps_s[before[0]] <= _FILLED_S:
+                for between in range(before[0] + 1, at):
+                    part = (stamps_s[between] - stamps_s[before[0]]) / max(1e-9, stamps_s[at] - stamps_s[before[0]])
+                    filled[between].append(_between(before[1], box, part))
+            last_boxes[box.track] = (at, box)
+    return filled
 
 
 def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> dict[int, int]:
@@ -108,20 +118,6 @@ def _apart(a: _TrackSegment, b: _TrackSegment, *, unknown: float) -> float:
     if a.embedding is None or b.embedding is None:
         return unknown
     return 1.0 - float(a.embedding @ b.embedding / (np.linalg.norm(a.embedding) * np.linalg.norm(b.embedding)))
-
-
-def _filled(pictures: list[list[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
-    filled = [list(boxes) for boxes in pictures]
-    last_boxes: dict[int, tuple[int, TrackedBox]] = {}
-    for at, boxes in enumerate(pictures):
-        for box in boxes:
-            before = last_boxes.get(box.track)
-            if before is not None and at - before[0] > 1 and stamps_s[at] - stamps_s[before[0]] <= _FILLED_S:
-                for between in range(before[0] + 1, at):
-                    part = (stamps_s[between] - stamps_s[before[0]]) / max(1e-9, stamps_s[at] - stamps_s[before[0]])
-                    filled[between].append(_between(before[1], box, part))
-            last_boxes[box.track] = (at, box)
-    return filled
 
 
 def _between(before: TrackedBox, after: TrackedBox, part: float) -> TrackedBox:

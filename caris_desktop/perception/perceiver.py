@@ -15,11 +15,10 @@ from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.plugins import Plugin, PluginCall
 from caris_desktop.domain.sensing import FrameRef, PersonBox, ThingBox
 from caris_desktop.domain.value_class import Value
-from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
+from caris_desktop.perception.appearance_embedding import AppearanceModel, EmbeddingModelError, find_appearance
 from caris_desktop.perception.backends.runtime_selection import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
-from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.detector_plugins import WatchedDetector
+from caris_desktop.perception.detector import Detections, WatchedDetector
 from caris_desktop.perception.inference_messages import (
     LEAST_CONFIDENCE,
     OWN_TRACKER,
@@ -178,7 +177,7 @@ def _appearance(first: Iterable[Path | None], threads: int) -> tuple[AppearanceM
         return None, ""
     try:
         return AppearanceModel(path, threads=threads), ""
-    except AppearanceError as error:
+    except EmbeddingModelError as error:
         return None, str(error)
 
 
@@ -191,11 +190,6 @@ _MARGIN = 0.05
 _MAX_PORTRAITS = 500
 
 
-class _Best(Value):
-    stamp_ns: int
-    worth: float
-
-
 class PortraitTaker:
     """Portraits: the best view of each person so far, as a small image.
 
@@ -204,7 +198,7 @@ class PortraitTaker:
     """
 
     def __init__(self) -> None:
-        self._best: dict[int, _Best] = {}
+        self._best: dict[int, tuple[int, float]] = {}  # time and worth by track
 
     def extract(self, image_bgr: NDArray[np.uint8], frame: FrameRef, boxes: list[TrackedBox]) -> list[PersonPortrait]:
         """New best views in an image: uint8 BGR, shape (height, width, 3)."""
@@ -216,14 +210,14 @@ class PortraitTaker:
             if box.quality < _LEAST_QUALITY:
                 continue
             if best is not None:
-                least_ns = _NOT_SOONER_NS if worth >= _BETTER * best.worth else _AGAIN_AFTER_NS
-                if frame.stamp_ns - best.stamp_ns < least_ns:
+                least_ns = _NOT_SOONER_NS if worth >= _BETTER * best[1] else _AGAIN_AFTER_NS
+                if frame.stamp_ns - best[0] < least_ns:
                     continue
             jpeg = _jpeg(image_bgr, box)
             if jpeg is None:
                 continue
             self._best.pop(box.track, None)
-            self._best[box.track] = _Best(frame.stamp_ns, worth)
+            self._best[box.track] = frame.stamp_ns, worth
             if len(self._best) > _MAX_PORTRAITS:
                 del self._best[next(iter(self._best))]
             portraits.append(PersonPortrait(frame.stamp_ns, frame.camera, box.track, jpeg, box.quality))

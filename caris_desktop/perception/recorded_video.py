@@ -1,9 +1,9 @@
 """Reader of recorded video frames in sequence, on demand."""
 
+import contextlib
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ class VideoFileError(Exception):
     """File that cannot be read as a video. The message is for the wizard."""
 
 
-class VideoFile:
+class VideoFile(contextlib.AbstractContextManager["VideoFile"]):
     """Video file with frames in order. Use it in a ``with``.
 
     ``pictures_about`` is the declared number of frames, 0 if unknown. ``torn`` counts undecodable frames so far, which
@@ -58,14 +58,9 @@ class VideoFile:
         self._stream: Any = videos[0]
         self._stream.thread_type = "AUTO"
         self.fps = float(self._stream.average_rate or _USUAL_FPS)
-        self.pictures_about = int(self._stream.frames or self._duration_s() * self.fps)
+        self.pictures_about = int(self._stream.frames or (self._container.duration or 0) / 1e6 * self.fps)
 
-    def __enter__(self) -> "VideoFile":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._container.close()
 
     def pictures(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -104,6 +99,3 @@ class VideoFile:
                 return
             in_a_row = 0
             yield frame
-
-    def _duration_s(self) -> float:
-        return (self._container.duration or 0) / 1e6

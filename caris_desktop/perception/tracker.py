@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.plugins import LOAD_WITHIN_S, Plugin, PluginCall, PluginError, find, load, watched
-from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceModel
-from caris_desktop.perception.box_motion import Floats, overlaps
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.kalman_tracker import view_qualities
+from caris_desktop.perception.kalman_tracker import Floats, overlaps, view_qualities
 from caris_desktop.perception.tracker_plugins import Tracker, TrackerFrame
 
 _SAME_PERSON = 0.7
@@ -89,7 +87,7 @@ class PersonTracker:
             image_bgr, request.frame.shown_ns / 1e9, self._shift_px(request), self._embedder(image_bgr, corners_px)
         )
         found = self._follow(corners_px, confidences, frame, request.frame.camera)
-        qualities = view_qualities(corners_px, confidences, _size_px(request.frame))
+        qualities = view_qualities(corners_px, confidences, (request.frame.width_px, request.frame.height_px))
         tracked = []
         for number, box in found:
             left, top, right, bottom = corners_px[box].tolist()
@@ -164,10 +162,6 @@ def checked_tracks(plugin: Plugin, found: object, boxes: int) -> list[tuple[int,
     if len(numbers) < len(pairs) or len(rows) < len(pairs) or min(numbers, default=1) < 1:
         raise PluginError(plugin, QT_TR_NOOP("it returned a track number or a row twice, or a number below 1"))
     return pairs
-
-
-def _size_px(frame: FrameRef) -> tuple[float, float]:
-    return float(frame.width_px), float(frame.height_px)
 
 
 def _people(detections: Detections, classes: Sequence[int]) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
+from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, named_path, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
@@ -214,9 +214,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
             localized(
                 QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256 checksum"), source=choice.source
             ),
-            advice=localized(
-                QT_TR_NOOP("Enter the 64 digits that sha256sum prints as perception.sha256 in the scenario")
-            ),
+            advice=QT_TR_NOOP("Enter the 64 digits that sha256sum prints as perception.sha256 in the scenario"),
         )
     if _ADDRESS.match(choice.source):
         path = _fetched(choice.source, sha256, folders[-1], allow_download=allow_download)
@@ -257,28 +255,21 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
                     QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=sha256
                 ),
             ),
-            advice=localized(
-                QT_TR_NOOP(
-                    "Get the file again from the source that the scenario's author used, or correct perception.sha256"
-                )
+            advice=QT_TR_NOOP(
+                "Get the file again from the source that the scenario's author used, or correct perception.sha256"
             ),
         )
     return replace(_of_file(path), input_px=choice.input_px)
 
 
 def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:
-    path = Path(choice.source).expanduser()
-    if path.is_absolute():
-        return path
-    if ".." in path.parts:
+    path = named_path(choice.source, choice.folder, folders)
+    if path is None:
         raise WeightsError(
             localized(QT_TR_NOOP("The detector {source} is outside the scenario's folder"), source=choice.source),
-            advice=localized(
-                QT_TR_NOOP("Enter the full path, or put the file next to the scenario or into a models folder")
-            ),
+            advice=QT_TR_NOOP("Enter the full path, or put the file next to the scenario or into a models folder"),
         )
-    places = [folder / path for folder in (*([choice.folder] if choice.folder else []), *folders)]
-    return next((place for place in places if place.exists()), places[0])
+    return path
 
 
 def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Path:
@@ -311,9 +302,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
             raise WeightsError(
                 localized(QT_TR_NOOP("The detector {name} could not be downloaded: {error}"), name=name, error=error),
                 searched=(url,),
-                advice=localized(
-                    QT_TR_NOOP("Connect to the internet once, or correct perception.model and perception.sha256")
-                ),
+                advice=QT_TR_NOOP("Connect to the internet once, or correct perception.model and perception.sha256"),
             ) from error
     return target
 

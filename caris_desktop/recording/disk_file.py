@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Self
 
 from caris_desktop.domain.file_replacement import no_room
 
@@ -186,7 +187,10 @@ class DiskFile:
             written = self._written
             if self._closed or written == self._synced:
                 return False
-            _bring_to_disk(self._descriptor)
+            if hasattr(os, "fdatasync"):
+                os.fdatasync(self._descriptor)
+            else:
+                os.fsync(self._descriptor)
             self._synced = written
             return True
 
@@ -196,10 +200,8 @@ class DiskFile:
                 self._closed = True
                 os.close(self._descriptor)
 
+    def __enter__(self) -> Self:
+        return self
 
-def _bring_to_disk(descriptor: int) -> None:
-    """Flush data and size, without timestamps where the system can separate the two."""
-    if hasattr(os, "fdatasync"):
-        os.fdatasync(descriptor)
-    else:
-        os.fsync(descriptor)
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -23,7 +23,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.session_header import HEADER_NAME, SessionError, header_of, read_header, reading
 from caris_desktop.recording.session.session_reader import Session
 
@@ -115,7 +115,7 @@ def other_wizards(session: Session) -> list[str]:
     path = session.folder / "events.mcap"
     found: dict[str, None] = {}
     with reading(path), path.open("rb") as file:
-        for content in mcap_chunks.intact_blocks(file, mcap_chunks.read_index(path)):
+        for content in events_file.intact_blocks(file, events_file.read_index(path)):
             for match in _ACTOR.finditer(content) if _ACTOR_BEGINS in content else ():
                 with contextlib.suppress(ValueError):
                     found.setdefault(str(json.loads(match[2]))[len(OTHER_WIZARD) :])
@@ -230,7 +230,12 @@ def _entries_of(folders: Iterable[Path], name: str) -> list[str]:
 def _coders_of(folders: Iterable[Path]) -> list[str]:
     found = set()
     for folder in folders:
-        for path in _annotations_in(folder):
+        try:
+            paths = annotation_files(folder)
+        except AnnotationError as error:
+            _log.warning("%s", error)
+            continue
+        for path in paths:
             try:
                 coder = json.loads(path.read_bytes()).get("coder")
             except (OSError, ValueError, AttributeError, RecursionError):
@@ -238,14 +243,6 @@ def _coders_of(folders: Iterable[Path]) -> list[str]:
             if isinstance(coder, str):
                 found.add(coder)
     return sorted(found)
-
-
-def _annotations_in(folder: Path) -> tuple[Path, ...]:
-    try:
-        return annotation_files(folder)
-    except AnnotationError as error:
-        _log.warning("%s", error)
-        return ()
 
 
 def _read_assignment(path: Path) -> Pseudonyms:

@@ -25,9 +25,10 @@ from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, 
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
-from caris_desktop.recording.session.missing_data import missing_words
-from caris_desktop.recording.session.session_header import is_session, reading
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.media_files import free_name
+from caris_desktop.recording.session.recovery import missing_words
+from caris_desktop.recording.session.session_header import SessionError, is_session, reading
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.study_file import StudyFile, study_of
 
 _log = logging.getLogger(__name__)
@@ -353,8 +354,11 @@ def export_all(
             partial(report, what=what), request.licence, warnings.append, notify=notices.append, csv=request.csv,
             template=request.template, pseudonyms=pseudonyms,
         )  # fmt: skip
+        target = request.out.absolute() / name
         try:
-            target = _export_combined(known[name], [_opened(folder, pseudonyms) for folder in opened], request, context)
+            sessions = [_opened(folder, pseudonyms) for folder in opened]
+            with whole_folder(target, opened[0]) as place:
+                _write(known[name], sessions, place, context)
             problems += warnings
             written.append(target)
         except ExportError as error:
@@ -379,10 +383,10 @@ def export_names(sessions: Sequence[Path]) -> list[str]:
     targets = []
     for folder, name in zip(sessions, names, strict=True):
         if folded.count(name.casefold()) > 1:
-            name = f"{_study_name(folder)}_{name}"  # noqa: PLW2901 - the name it goes by from here on
-        unique, number = name, 2
-        while unique.casefold() in taken:
-            unique, number = f"{name}-{number}", number + 1
+            parent = folder.absolute().parent
+            study = (parent.parent if parent.name == "sessions" else parent).name or "study"
+            name = f"{study}_{name}"  # noqa: PLW2901 - the name it goes by from here on
+        unique = free_name(name, "", lambda name: name.casefold() in taken)
         taken.add(unique.casefold())
         targets.append(unique)
     return targets
@@ -449,7 +453,8 @@ def remove_partial_exports(out: Path) -> None:
     out = out.absolute()
     candidates = [*_entries(out.parent, f".{out.name[:_NAME_CHARACTERS]}."), *_entries(out, ".")]
     for path in candidates:
-        writer = _writer_of(path.name)
+        match = _PARTIAL_NAME.fullmatch(path.name)
+        writer = (match[1], int(match[2]), int(match[3])) if match else None
         if writer is not None and not path.is_symlink() and path.is_dir() and not _is_running(*writer):
             _log.info("removing %s, which a killed export left", path)
             shutil.rmtree(path, ignore_errors=True)
@@ -537,16 +542,6 @@ def _export_formats(
     return tuple(problems)
 
 
-def _export_combined(
-    fmt: ExportFormat, sessions: Sequence[Session], request: ExportRequest, context: ExportContext
-) -> Path:
-    """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
-    target = request.out.absolute() / fmt.name
-    with whole_folder(target, sessions[0].folder) as partial:
-        _write(fmt, sessions, partial, context)
-    return target
-
-
 def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
     try:
         session = open_session(folder)
@@ -559,7 +554,10 @@ def _write(fmt: ExportFormat, sessions: Sequence[Session], out: Path, context: E
     """Write the files, and convert any exception to ExportError: the next format or session may succeed."""
     what = sessions[0].folder if len(sessions) == 1 else f"{len(sessions)} sessions"
     try:
-        return fmt.write(sessions, out, _with_study(context, sessions[0]))
+        study = context.study or study_of(sessions[0].folder)
+        return fmt.write(
+            sessions, out, replace(context, study=study, licence=context.licence or (study.licence if study else ""))
+        )
     except (SessionError, ExportError) as error:
         raise ExportError(str(error)) from error
     except PluginError as error:
@@ -589,12 +587,6 @@ def _write(fmt: ExportFormat, sessions: Sequence[Session], out: Path, context: E
             kind=type(error).__name__,
             error=error,
         ) from error
-
-
-def _with_study(context: ExportContext, session: Session) -> ExportContext:
-    """Context with the study file of a session. Raises StudyFileError."""
-    study = context.study or study_of(session.folder)
-    return replace(context, study=study, licence=context.licence or (study.licence if study else ""))
 
 
 def attempt(session: Session, read: Callable[[Session], object], warn: Callable[[str], None]) -> bool:
@@ -627,7 +619,9 @@ def whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
                     out=out,
                 )
             out.parent.mkdir(parents=True, exist_ok=True)
-            partial = _new_partial(out)
+            prefix = f".{out.name[:_NAME_CHARACTERS]}.{_host()}.{os.getpid()}-{_started(psutil.Process())}."
+            partial = out.parent / f"{prefix}{secrets.token_hex(4)}{_PARTIAL_SUFFIX}"
+            partial.mkdir()
         except OSError as error:
             raise _failure(out, error) from error
         yield partial
@@ -682,28 +676,10 @@ def _unknown_format(name: str) -> str:
     )
 
 
-def _study_name(folder: Path) -> str:
-    parent = folder.absolute().parent
-    return (parent.parent if parent.name == "sessions" else parent).name or "study"
-
-
 # Partial folders name their writer: .NAME.HOST.PID-STARTED.RANDOM.exporting
 
 _NAME_CHARACTERS = 80
 _PARTIAL_NAME = re.compile(r"\..*\.([^.]*)\.(\d+)-(\d+)\.[^.]*" + re.escape(_PARTIAL_SUFFIX))
-
-
-def _new_partial(out: Path) -> Path:
-    prefix = f".{out.name[:_NAME_CHARACTERS]}.{_host()}.{os.getpid()}-{_started(psutil.Process())}."
-    partial = out.parent / f"{prefix}{secrets.token_hex(4)}{_PARTIAL_SUFFIX}"
-    partial.mkdir()
-    return partial
-
-
-def _writer_of(name: str) -> tuple[str, int, int] | None:
-    """Host, process id and start time of the writer of a partial export; None for other names."""
-    match = _PARTIAL_NAME.fullmatch(name)
-    return (match[1], int(match[2]), int(match[3])) if match else None
 
 
 def _is_running(host: str, pid: int, started: int) -> bool:

@@ -22,10 +22,9 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 from caris_desktop.recording.session.folder_lock import hold, is_held
-from caris_desktop.recording.session.manifest import DERIVED_FOLDER, MANIFEST_NAME
+from caris_desktop.recording.session.manifest import DERIVED_FOLDER, MANIFEST_NAME, digest_of
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.tables.arrow import array, arrow_type
-from caris_desktop.recording.tables.build import session_batches
+from caris_desktop.recording.tables.build import array, arrow_type, session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, key_columns, plain_text
 
 _log = logging.getLogger(__name__)
@@ -35,6 +34,7 @@ _FOLDER, _KEY_FILE, _PART = "tables", "key.json", ".part"
 _TRANSCRIPTS = "transcripts"
 DELETED_BY_ERASURE = frozenset((_FOLDER, _TRANSCRIPTS))
 """Folders in the derived folder that the erasure of a person deletes."""
+_ROWS_AT_ONCE = 5_000
 _MODE = 0o770  # narrowed to what this user shares
 
 
@@ -98,14 +98,9 @@ def _key(session: Session) -> str:
         (session.folder.name, session.header.to_json(), dict(session.lost), session.ended_ns, session.closed_properly),
         session.names,
         (events.st_size, events.st_mtime_ns),
-        [(path.name, _digest(path)) for path in files],
+        [(path.name, digest_of(path)) for path in files],
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, Any] | None:
@@ -116,7 +111,7 @@ def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, A
             return None
         files = {str(name): digest for name, digest in stored["files"].items()}
         files = {name: digest for name, digest in files.items() if not wanted or Path(name).stem in wanted}
-        if any(Path(name).name != name or _digest(place / name) != digest for name, digest in files.items()):
+        if any(Path(name).name != name or digest_of(place / name) != digest for name, digest in files.items()):
             _log.warning("the tables in %s are damaged and are made again", place)
             return None
         return {"damaged": [str(sentence) for sentence in stored["damaged"]], "files": files}
@@ -141,7 +136,7 @@ def _derived(
             part.mkdir(mode=_MODE)
             try:
                 key, damaged = _key(session), list[str]()
-                files = {path.name: _digest(path) for path in _write(session, part, progress, damaged.append)}
+                files = {path.name: digest_of(path) for path in _write(session, part, progress, damaged.append)}
                 stored = {"key": key, "folder": str(session.folder.resolve()), "damaged": damaged, "files": files}
                 (part / _KEY_FILE).write_text(json.dumps(stored, indent=1), encoding="utf-8")
                 narrow([part, *part.iterdir()])
@@ -218,24 +213,34 @@ class ParquetTables:
     def write(self, table: Table, columns: list[list[Any]]) -> None:
         """Add rows, given by column, as a row group."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
-        if table.name not in self._writers:
-            schema = pa.schema(
-                [_field(column) for column in (*self._whose, *table.columns)],
-                metadata={
-                    key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()
-                },
-            )
-            writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema, compression="zstd")
-            self._writers[table.name] = self._files.enter_context(writer)
-            self.tables.append(table)
-        writer = self._writers[table.name]
+        writer = self._writers.get(table.name) or self._begin(
+            table, pa.schema([_field(column) for column in (*self._whose, *table.columns)])
+        )
         if count := len(columns[0]):
             constants = [pa.repeat(pa.scalar(value, pa.string()), count) for value in self._of_all]
             arrays = [array(table.name, column, values) for column, values in zip(table.columns, columns, strict=True)]
             rows = pa.Table.from_arrays([*constants, *arrays], schema=writer.schema)
             writer.write_table(rows, row_group_size=count)
+
+    def append(self, table: Table, path: Path) -> int:
+        """Add the rows of a file of this table; return their number."""
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(path) as part:
+            writer = self._writers.get(table.name) or self._begin(table, part.schema_arrow)
+            for rows in part.iter_batches(_ROWS_AT_ONCE):
+                writer.write_batch(rows)
+            return int(part.metadata.num_rows)
+
+    def _begin(self, table: Table, schema: Any) -> Any:
+        import pyarrow.parquet as pq
+
+        about = {key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()}
+        writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema.with_metadata(about), compression="zstd")
+        self._writers[table.name] = self._files.enter_context(writer)
+        self.tables.append(table)
+        return writer
 
 
 def _field(column: Column) -> Any:

@@ -31,7 +31,7 @@ from caris_desktop.ros.action_messages import (
     encode_cancel_goal,
     encode_goal_id,
 )
-from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
+from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name
 from caris_desktop.ros.message_fields import Message, MessageError
 
 logger = logging.getLogger(__name__)
@@ -86,14 +86,14 @@ class ActionClient(Protocol):
 
 
 def make_action_client(
-    ros: RosbridgeClient, dialect: Dialect, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
+    ros: RosbridgeClient, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
 ) -> ActionClient:
     """Client of the action server ``name``; ``action_type`` may be spelled as in either dialect.
 
     ``motion``: goals that are topics go over the motion websocket, which has no slow operations, like their cancels.
     """
     package, type_ = action_package_and_name(action_type)
-    if dialect is Dialect.ROS1:
+    if ros.dialect is Dialect.ROS1:
         return ActionlibClient(ros, name, package, type_, listener, motion=motion)
     return BridgedActionClient(
         ros, name, action_type_name(Dialect.ROS2, package, type_), listener, proven_by_feedback=motion
@@ -107,10 +107,8 @@ class ActionlibClient:
         self, ros: RosbridgeClient, name: str, package: str, type_: str, listener: GoalListener, *, motion: bool
     ) -> None:
         def topic(leaf: str, package: str, message: str, *, motion: bool = False) -> RosbridgeTopic:
-            message_type = type_name(Dialect.ROS1, package, message)
-            return RosbridgeTopic(
-                ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True, motion=motion
-            )
+            kind = f"{package}/{message}"
+            return RosbridgeTopic(ros, f"{name}/{leaf}", kind, queue_length=10, every_message=True, motion=motion)
 
         self._listener = listener
         self._type = f"{type_}Action"
@@ -198,7 +196,7 @@ class BridgedActionClient:
         # A cancel before the goal was accepted had no effect.
         self._cancelled: dict[str, None] = {}
         ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
-        status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
+        status_type = "action_msgs/GoalStatusArray"
         self._status = RosbridgeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
         self._status.subscribe(self._on_status)
 

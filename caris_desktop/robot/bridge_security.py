@@ -20,7 +20,7 @@ from caris_desktop.domain.certificates import (
     why_refused,
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.profile_model import SecuritySettings
 
 _AUTHORIZED_FOR_S = 3600
 _LEVEL = "user"

@@ -16,7 +16,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_security import SecurityError, auth_operation
 from caris_desktop.robot.bridge_wire import Wire, open_wire
-from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.profile_model import SecuritySettings
 from caris_desktop.robot.real_time import LARGE_BYTES, drop_realtime_priority
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 

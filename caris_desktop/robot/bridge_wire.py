@@ -36,7 +36,7 @@ from caris_desktop.robot.bridge_security import (
     no_tls,
     tls_context,
 )
-from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.profile_model import SecuritySettings
 
 if sys.platform != "win32":
     import fcntl

@@ -4,9 +4,9 @@ import asyncio
 import logging
 import math
 import re
-from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import field
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,18 +23,23 @@ from caris_desktop.domain.control_definitions import (
     fill_template,
     is_velocity,
 )
-from caris_desktop.domain.control_effects import RobotInterfaceNames
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.link_commands import UseControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
-from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, coerce_to_definition
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
+from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, make_action_client
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import interface_names
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros.action_messages import Ending
-from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
+from caris_desktop.ros.action_messages import Ending, action_package_and_name
+from caris_desktop.ros.definitions import (
+    Definition,
+    MessageMismatchError,
+    coerce_to_definition,
+    definition_from_rosapi,
+    shipped_definition,
+)
+from caris_desktop.ros.dialect import Dialect, action_type_name, package_and_name, service_type_name, type_name
 from caris_desktop.ros.message_fields import Message, MessageError, message_of
 
 logger = logging.getLogger(__name__)
@@ -46,12 +51,15 @@ NO_ANSWER_S = 4.0
 CANCEL_AGAIN_S = (0.0, 0.3, 1.0)
 SERVICE_WAIT_S = 20.0
 LONGEST_TEXT_SHOWN = 500
+_NOT_CONNECTED = QT_TR_NOOP("the robot is not connected")
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
 _INDEX = re.compile(r"\[([0-9]+)\]")
 
 Path = tuple[str | int, ...]
+TypeKind = Literal["message", "service", "goal"]
 
 
+@cache
 def parse_path(text: str) -> Path:
     """Parse ``status[0].level`` to ("status", 0, "level").
 
@@ -104,75 +112,98 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
     return number if math.isfinite(number) else None
 
 
-@dataclass(slots=True)
-class _Goal:
-    """Goal sent by a control."""
+class MessageTypes:
+    """Type definitions of one robot: queried once per connection, else the known standard ones."""
 
-    command: UseControl
-    answered: bool = False
+    def __init__(self, ros: RosbridgeClient) -> None:
+        self._ros = ros
+        self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
+
+    def forget(self) -> None:
+        """Clear all, since another robot may answer after a link loss."""
+        # Pending queries fail, and their callers continue then.
+        self._learnt.clear()
+
+    def known(self, kind: TypeKind, type_: str) -> bool:
+        """True if :meth:`learn` returns at once."""
+        task = self._learnt.get((kind, type_))
+        return task is not None and task.done() and not task.cancelled()
+
+    def definition_now(self, kind: TypeKind, type_: str) -> Definition | None:
+        """Fields of a message, service request or action goal; None if not known, or not yet."""
+        return self._learnt[kind, type_].result() if self.known(kind, type_) else None
+
+    async def learn(self, kind: TypeKind, type_: str) -> None:
+        """Query the definition, once."""
+        task = self._learnt.get((kind, type_))
+        if task is None:
+            task = asyncio.get_running_loop().create_task(self._learn(kind, type_))
+            self._learnt[kind, type_] = task
+        await asyncio.shield(task)
+
+    async def _learn(self, kind: TypeKind, type_: str) -> Definition | None:
+        package, name = action_package_and_name(type_) if kind == "goal" else package_and_name(type_)
+        service, spelled = "message_details", type_name(self._ros.dialect, package, name)
+        if kind == "service":
+            service, spelled = "service_request_details", service_type_name(self._ros.dialect, package, name)
+        elif kind == "goal" and self._ros.dialect is Dialect.ROS1:
+            spelled = type_name(self._ros.dialect, package, f"{name}Goal")
+        elif kind == "goal":
+            service, spelled = "action_goal_details", action_type_name(self._ros.dialect, package, name)
+        try:
+            answer = await self._ros.ask(f"/rosapi/{service}", f"rosapi/{service}", {"type": spelled})
+            return definition_from_rosapi(answer.get("typedefs"))
+        except (ServiceCallError, ValueError, TypeError) as error:
+            logger.debug("%s: %s", spelled, error)
+        return shipped_definition(f"{package}/{name}Goal" if kind == "goal" else f"{package}/{name}")
 
 
-@dataclass(slots=True)
 class _Server:
     """Action server used by controls, with our goals. A ``GoalListener``."""
 
-    emit: Callable[[UseControl, RequestState, str], None]
-    client: ActionClient | None = None
-    goals: dict[str, _Goal] = field(default_factory=dict)
-    lost: tuple[str, ...] = ()
-
-    def cancel(self, wire_id: str) -> None:
-        if self.client is not None:
-            self.client.cancel(wire_id)
+    def __init__(
+        self, ros: RosbridgeClient, action: str, type_: str, emit: Callable[[UseControl, RequestState, str], None]
+    ) -> None:
+        self.goals: dict[str, UseControl] = {}
+        self.answered: set[str] = set()
+        self.lost: tuple[str, ...] = ()
+        self._emit = emit
+        self.client = make_action_client(ros, action, type_, self)
 
     def goal_pending(self, wire_id: str) -> None:
         """Reported when it begins."""
 
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
-            self.goals[wire_id].answered = True
+            self.answered.add(wire_id)
 
     def goal_feedback(self, wire_id: str, _: Message) -> None:
         self.goal_active(wire_id)
 
     def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
-        goal = self.goals.pop(wire_id, None)
-        if goal is not None:
+        command = self.goals.pop(wire_id, None)
+        if command is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.emit(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
+            self._emit(command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
 
 
 class RobotControls:
     """Executes UseControl for the profile's controls and the scenario's.
 
-    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times per second. ``unusable``
-    is called with a control's title and a reason if a message lacks its value.
+    It sends a ControlUsed for each step of a use, ControlReadings at most five times per second, and a Problem if a
+    message lacks the value of a control.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        dialect: Dialect,
-        profile_controls: tuple[RobotControl, ...],
-        watched: SubscriptionWatchdog,
-        *,
-        robot: RobotInterfaceNames,
-        velocity_topic: str,
-        emit: Callable[[Any], None],
-        unusable: Callable[[str, str], None],
-        in_background: Callable[[Coroutine[Any, Any, None]], None],
-    ) -> None:
+    def __init__(self, link: LinkContext) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ros = ros
-        self._dialect = dialect
-        self._profile_controls = profile_controls
-        self._robot = robot
-        self._velocity_topic = velocity_topic
-        self._emit = emit
-        self._unusable = unusable
-        self._in_background = in_background
-        self._types = MessageTypes(ros, dialect)
-        self._watched = watched
+        self._ros = link.ros
+        self._profile = link.profile
+        self._robot = interface_names(link.profile)
+        self._emit = link.put
+        self._problems = link.report.problems
+        self._in_background = link.in_background
+        self._types = MessageTypes(link.ros)
+        self._watched = link.watched
         self._controls: dict[str, RobotControl] = {}
         self._publishers: dict[tuple[str, str], RosbridgeTopic] = {}
         self._servers: dict[tuple[str, str], _Server] = {}
@@ -191,7 +222,7 @@ class RobotControls:
         self._driving_permitted = driving_permitted
         if not driving_permitted:
             self.cancel_goals(QT_TR_NOOP("the scenario does not permit driving"))
-        offered = {control.id: decided(control, self._robot) for control in (*self._profile_controls, *controls)}
+        offered = {control.id: decided(control, self._robot) for control in (*self._profile.controls, *controls)}
         if offered == self._controls:
             # A repeated offer comes from a receiver that lost the values.
             self._report_values_soon()
@@ -205,18 +236,16 @@ class RobotControls:
             self._publishers.pop(key).unadvertise()
         for topic, type_ in topics - self._publishers.keys():
             # In advance: a publisher reaches its subscribers with a delay.
-            publisher = RosbridgeTopic(self._ros, topic, self._spelled(type_))
+            publisher = RosbridgeTopic(self._ros, topic, type_)
             publisher.advertise()
             self._publishers[topic, type_] = publisher
         actions = {(effect.action, effect.type) for effect in effects if isinstance(effect, SendActionGoal)}
         for key in [key for key in self._servers if key not in actions]:
             server = self._servers.pop(key)
-            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"), cancel=True)
-            if server.client is not None:
-                server.client.close()
+            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"))
+            server.client.close()
         for action, type_ in actions - self._servers.keys():
-            server = self._servers[action, type_] = _Server(self._notify)
-            server.client = make_action_client(self._ros, self._dialect, action, type_, server)
+            self._servers[action, type_] = _Server(self._ros, action, type_, self._notify)
         self._learn_types()
 
     def link_connected(self) -> None:
@@ -226,7 +255,7 @@ class RobotControls:
             lost, server.lost = server.lost, ()
             for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
-                    self._loop.call_later(delay_s, server.cancel, wire_id)
+                    self._loop.call_later(delay_s, server.client.cancel, wire_id)
                 self._loop.call_later(FATE_WITHIN_S, self._give_up_fate, server, wire_id)
 
     def link_lost(self) -> None:
@@ -251,31 +280,23 @@ class RobotControls:
     def cancel_goals(self, reason: str) -> None:
         """Cancel the goals of controls."""
         for server in self._servers.values():
-            self._fail_goals(server, reason, cancel=True)
+            self._fail_goals(server, reason)
 
     def cancel_left_goals(self) -> None:
         """Cancel goals left by a process that crashed."""
         for server in self._servers.values():
-            if server.client is not None:
-                for delay_s in CANCEL_AGAIN_S:
-                    self._loop.call_later(delay_s, self._cancel_left_goal, server)
+            for delay_s in CANCEL_AGAIN_S:
+                self._loop.call_later(delay_s, self._cancel_left_goal, server)
 
     def _cancel_left_goal(self, server: _Server) -> None:
-        if server.client is not None and not server.goals and self._ros.is_connected:
+        if not server.goals and self._ros.is_connected:
             server.client.cancel_all()
-
-    def _spelled(self, type_: str) -> str:
-        package, _, name = plain_name(type_).partition("/")
-        return type_name(self._dialect, package, name)
 
     def _learn_types(self) -> None:
         if self._ros.is_connected:
             interfaces = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
             for kind, type_ in sorted(interfaces):
-                self._in_background(self._learn(kind, type_))
-
-    async def _learn(self, kind: TypeKind, type_: str) -> None:
-        await self._types.definition(kind, type_)
+                self._in_background(self._types.learn(kind, type_))
 
     # Uses
 
@@ -299,7 +320,7 @@ class RobotControls:
         return control is not None and control.is_motion and not self._refusal(control)
 
     async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
-        await self._types.definition(*_kind_and_type(effect))
+        await self._types.learn(*_kind_and_type(effect))
         # Meanwhile the link may have been lost or the emergency stop set.
         if refusal := self._refusal(control):
             self._notify(command, "failed", refusal)
@@ -317,12 +338,13 @@ class RobotControls:
         if control.is_motion and not self._driving_permitted:
             return QT_TR_NOOP("the scenario does not permit driving, and this control may move the robot")
         if not self._ros.is_connected:
-            return QT_TR_NOOP("the robot is not connected")
+            return _NOT_CONNECTED
         return ""
 
     def _sends_velocity(self, control: RobotControl) -> bool:
         effect = control.effect
-        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, self._velocity_topic)
+        velocity = self._profile.velocity.topic
+        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, velocity)
 
     def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         try:
@@ -337,9 +359,7 @@ class RobotControls:
         match effect:
             case PublishMessage(topic=topic, type=type_):
                 sent = self._publishers[topic, type_].publish(message)
-                self._notify(
-                    command, "succeeded" if sent else "failed", "" if sent else QT_TR_NOOP("the robot is not connected")
-                )
+                self._notify(command, "succeeded" if sent else "failed", "" if sent else _NOT_CONNECTED)
             case CallService():
                 self._in_background(self._call(command, control, effect, message))
             case SendActionGoal():
@@ -350,10 +370,8 @@ class RobotControls:
             # The emergency stop came at the same time.
             self._notify(command, "failed", refusal)
             return
-        package, _, name = plain_name(effect.type).partition("/")
-        kind = service_type_name(self._dialect, package, name)
         try:
-            answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
+            answer = await self._ros.ask(effect.service, effect.type, request, timeout_s=SERVICE_WAIT_S)
         except ServiceCallError as error:
             self._notify(command, "failed", str(error))
             return
@@ -361,47 +379,42 @@ class RobotControls:
         succeeded = answer.get("success", True) is not False
         message = answer.get("message")
         detail = message[:LONGEST_TEXT_SHOWN] if isinstance(message, str) else ""
-        self._notify(
-            command,
-            "succeeded" if succeeded else "failed",
-            detail or ("" if succeeded else QT_TR_NOOP("the robot refused")),
-        )
+        refused = "" if succeeded else QT_TR_NOOP("the robot refused")
+        self._notify(command, "succeeded" if succeeded else "failed", detail or refused)
 
     def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
         server = self._servers[effect.action, effect.type]
-        wire_id = server.client.send(command.control, goal) if server.client is not None else None
+        wire_id = server.client.send(command.control, goal)
         if wire_id is None:
-            self._notify(command, "failed", QT_TR_NOOP("the robot is not connected"))
+            self._notify(command, "failed", _NOT_CONNECTED)
             return
-        server.goals[wire_id] = _Goal(command)
+        server.goals[wire_id] = command
         # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
         self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
-        goal = server.goals.get(wire_id)
-        if goal is not None and not goal.answered and wire_id not in server.lost:
-            del server.goals[wire_id]
-            server.cancel(wire_id)
+        if wire_id in server.goals.keys() - server.answered - set(server.lost):
+            command = server.goals.pop(wire_id)
+            server.client.cancel(wire_id)
             late = translation.localized(
                 QT_TR_NOOP("the robot did not respond within {time} s"), time=f"{NO_ANSWER_S:g}"
             )
-            self._notify(goal.command, "failed", late)
+            self._notify(command, "failed", late)
 
     def _give_up_lost(self, server: _Server, wire_id: str) -> None:
         if not self._ros.is_connected:
             self._give_up_fate(server, wire_id)
 
     def _give_up_fate(self, server: _Server, wire_id: str) -> None:
-        goal = server.goals.pop(wire_id, None)
-        if goal is not None:
-            self._notify(goal.command, "failed", FATE_UNKNOWN)
+        command = server.goals.pop(wire_id, None)
+        if command is not None:
+            self._notify(command, "failed", FATE_UNKNOWN)
 
-    def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
+    def _fail_goals(self, server: _Server, detail: str) -> None:
         goals, server.goals = server.goals, {}
-        for wire_id, goal in goals.items():
-            if cancel:
-                server.cancel(wire_id)
-            self._notify(goal.command, "failed", detail)
+        for wire_id, command in goals.items():
+            server.client.cancel(wire_id)
+            self._notify(command, "failed", detail)
 
     def _notify(self, command: UseControl, state: RequestState, detail: str) -> None:
         self._emit(
@@ -421,9 +434,28 @@ class RobotControls:
                 by_topic.setdefault((control.reading.topic, control.reading.type), []).append(control)
         for (name, type_), controls in by_topic.items():
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
-            topic = RosbridgeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
+            topic = RosbridgeTopic(self._ros, name, type_, throttle_rate=throttle_ms)
             self._readings.append(topic)
-            self._watched.subscribe(topic, _reader(controls, self._on_value, self._unusable))
+            self._watched.subscribe(topic, partial(self._read, controls))
+
+    def _read(self, controls: list[RobotControl], message: Any) -> None:
+        """Process a message of one topic for all controls with readings from it."""
+        for control in controls:
+            if control.reading is None:
+                continue
+            try:
+                value = value_at(message, parse_path(control.reading.field), control.reading.scale)
+            except MessageError as error:
+                unusable = QT_TR_NOOP("{count} message(s) from the robot cannot be shown as {title}: {reason}.")
+                self._problems.count(
+                    f"reading {control.title}",
+                    severity="warning",
+                    what=translation.localized(unusable, title=control.title, reason=str(error)),
+                    meaning=QT_TR_NOOP("The Robot panel continues to show the last value."),
+                    advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
+                )
+            else:
+                self._on_value(control.id, value)
 
     def _on_value(self, control: str, value: ControlValue | None) -> None:
         if value is None or (control in self._values and self._values[control] == value):
@@ -442,26 +474,6 @@ class RobotControls:
         if self._values:
             self._reported_s = self._loop.time()
             self._emit(ControlReadings(now_ns(), dict(self._values)))
-
-
-def _reader(
-    controls: list[RobotControl], take: Callable[[str, ControlValue | None], None], unusable: Callable[[str, str], None]
-) -> Callable[[Any], None]:
-    """Message handler of one topic for all controls with readings from it."""
-    paths = [
-        (control, parse_path(control.reading.field), control.reading.scale)
-        for control in controls
-        if control.reading is not None
-    ]
-
-    def read(message: Any) -> None:
-        for control, path, scale in paths:
-            try:
-                take(control.id, value_at(message, path, scale))
-            except MessageError as error:
-                unusable(control.title, str(error))
-
-    return read
 
 
 def _kind_and_type(effect: ControlEffect) -> tuple[TypeKind, str]:

@@ -4,7 +4,6 @@ import asyncio
 import itertools
 import logging
 import math
-from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any
 
@@ -23,28 +22,23 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.console_sender import ConsoleSender
 from caris_desktop.robot.control_interfaces import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardChangeDetector, GuardLimit, ObstacleGuard
 from caris_desktop.robot.handled_operations import HANDLED_TOPIC, HandledOperations
 from caris_desktop.robot.head_control import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
-from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender
 from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
-from caris_desktop.robot.navigation_client import Navigator
-from caris_desktop.robot.navigation_speed import NavigationSpeed
-from caris_desktop.robot.profile import RobotProfile, interface_names
+from caris_desktop.robot.navigation_client import NavigationSpeed, Navigator
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
-from caris_desktop.robot.robot_speech_choice import RobotSpeech
+from caris_desktop.robot.robot_speech import robot_voice
 from caris_desktop.robot.sensors import Sensors
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.robot.transport import LinkObserver, RosbridgeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
-from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
 from caris_desktop.ros.message_fields import MessageError
 
@@ -69,7 +63,7 @@ INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
 """Pauses before a robot that lacks something is asked again: nodes start one after another."""
 
 
-class ControlLink:
+class ControlLink(LinkObserver):
     """Everything that must not wait for images. Lives on one asyncio loop; a ``link_process.Link``."""
 
     def __init__(
@@ -78,19 +72,12 @@ class ControlLink:
         self._profile = profile
         # Goals of the previous process, of navigation and of controls.
         self._goals_left = self._control_goals_left = follows_crash
-        self._dialect = Dialect(profile.ros)
         self._loop = asyncio.get_running_loop()
         self._put = outbox.put
-        self._report = LinkReporter("control", address, outbox)
-        traffic = TrafficMeter("control")
-        self._ros = RosbridgeClient(address, self, security=profile.security, traffic=traffic)
         sources = {"scan": profile.scan, "odometry": profile.odometry}
-        self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put,
-            link="control",
-            streams={source.topic: stream for stream, source in sources.items() if source is not None},
-            simulation_time=profile.simulation_time,
-        )  # fmt: skip
+        streams = {source.topic: stream for stream, source in sources.items() if source is not None}
+        self._link = LinkContext("control", profile, address, outbox, self, streams=streams)
+        self._report, self._ros, self._measurement = self._link.report, self._link.ros, self._link.measurement
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardChangeDetector()
         self._movement = MovementCheck(profile)
@@ -118,8 +105,7 @@ class ControlLink:
         self._reported_unproven = False
         self._looking_around: asyncio.Task[None] | None = None
         self._closing = False
-        self._tasks: set[asyncio.Task[None]] = set()
-        velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
+        velocity_type = f"geometry_msgs/{profile.velocity.type}"
         self._velocity = RosbridgeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
         # Receives other publishers' velocities, and our own echoes.
@@ -129,66 +115,30 @@ class ControlLink:
         self._velocities.subscribe(self._on_velocity)
         self._ros.factory.on_connect_send(profile.velocity.topic, self._send_on_connect)
         self._ros.factory.motion_round_trip = self._motion_round_trip
-        self._handled = HandledOperations(self._ros, self._dialect, handled=self._commands_answered)
-        self._navigator = Navigator(
-            self._ros,
-            profile.navigation,
-            map_frame=profile.frames.map,
-            emit=self._goal_changed,
-            unconfirmed=self._report_unconfirmed_cancel,
-        )
-        self._goal_speed = NavigationSpeed(
-            self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
-        )
-        self._voice = RobotSpeech(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._watched = SubscriptionWatchdog(self._ros, self._dialect, report=self._put)
-        self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
-        self._controls = RobotControls(
-            self._ros,
-            self._dialect,
-            profile.controls,
-            self._watched,
-            robot=interface_names(profile),
-            velocity_topic=profile.velocity.topic,
-            emit=self._put,
-            unusable=self._report_unusable_reading,
-            in_background=self._in_background,
-        )
-        self._maps = RobotMaps(
-            self._ros,
-            self._dialect,
-            profile,
-            emit=self._put,
-            pose=lambda: self._sensors.pose_in_map,
-            in_background=self._in_background,
-        )
+        self._handled = HandledOperations(self._ros, handled=self._commands_answered)
+        self._navigator = Navigator(self._link, emit=self._goal_changed, unconfirmed=self._report_unconfirmed_cancel)
+        self._goal_speed = NavigationSpeed(self._link)
+        self._voice = robot_voice(self._ros, profile.speech, emit=self._put)
+        self._head = RobotHead(self._link)
+        self._controls = RobotControls(self._link)
+        self._maps = RobotMaps(self._link, pose=lambda: self._sensors.pose_in_map)
         self._emergency_stop = EmergencyStop(
             self._ros,
-            self._dialect,
+            self._ros.dialect,
             profile.emergency_stop,
             self,
-            self._watched,
+            self._link.watched,
             emit=self._put,
-            in_background=self._in_background,
+            in_background=self._link.in_background,
         )
         self._sensors = Sensors(
-            self._ros,
-            profile,
-            self._report,
-            self._measurement,
-            self._watched,
-            put=self._put,
-            on_scan=self._process_scan,
-            on_odometry=self._process_odometry,
-            on_pose=self._process_pose,
+            self._link, on_scan=self._process_scan, on_odometry=self._process_odometry, on_pose=self._process_pose
         )
 
     def start(self) -> None:
-        self._report.changed("connecting")
-        self._ros.connect()
-        self._in_background(self._measurement.run())
-        self._in_background(self._watch_guard())
-        self._in_background(self._watch_handling())
+        self._link.start()
+        self._link.in_background(self._watch_guard())
+        self._link.in_background(self._watch_handling())
 
     def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute commands in order, then send what is due: one Twist per batch, within this call."""
@@ -216,12 +166,11 @@ class ControlLink:
         await self._goal_speed.restore()
         self._closing = True
         self._forget_zeros()
-        self._watched.link_lost()
+        self._link.watched.link_lost()
         self._controls.close()
         self._emergency_stop.close()
         await self._voice.close()
-        for task in self._tasks:
-            task.cancel()
+        self._link.cancel()
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 
@@ -443,7 +392,7 @@ class ControlLink:
             at_ns = now_ns()
             offset = self._measurement.offset_at(at_ns)
             stamp_ns = 0 if offset is None else at_ns + offset.offset_ns
-            message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
+            message = encode_twist_stamped(self._ros.dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
         else:
             message = encode_twist(twist)
         self._commanded = twist
@@ -556,7 +505,7 @@ class ControlLink:
         if (state, stopped) != (reported.state, reported.stopped):
             self._report_movement(MovementChanged(now_ns(), state, stopped, reported.publishers))
             if state in ("uncommanded", "commanded_elsewhere") and reported.state != state:
-                self._in_background(self._find_publishers())
+                self._link.in_background(self._find_publishers())
         if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
             # Against another publisher: zero while it lasts.
             self._lease.stop(now_s, "stop")
@@ -568,14 +517,11 @@ class ControlLink:
 
     async def _find_publishers(self) -> None:
         try:
-            answer = await self._ros.ask(
-                "/rosapi/publishers", "rosapi/Publishers", {"topic": self._profile.velocity.topic}
-            )
+            names = await self._ros.nodes("publishers", self._profile.velocity.topic)
         except ServiceCallError as error:
             logger.info("Who publishes velocities is not known: %s", error)
             return
-        names = answer.get("publishers")
-        found = tuple(sorted(name for name in names if isinstance(name, str))) if isinstance(names, list) else ()
+        found = tuple(sorted(names))
         if self._connected and found != self._reported_movement.publishers:
             self._report_movement(replace(self._reported_movement, stamp_ns=now_ns(), publishers=found[:10]))
 
@@ -625,9 +571,9 @@ class ControlLink:
             self._navigator.cancel_left_goal()
         self._voice.link_connected()
         self._emergency_stop.link_connected()
-        self._watched.link_connected()
+        self._link.watched.link_connected()
         self._controls.link_connected()
-        self._looking_around = self._begin(self._explore_robot())
+        self._looking_around = self._link.begin(self._explore_robot())
 
     def link_silent(self) -> None:
         self._silent = True
@@ -664,7 +610,7 @@ class ControlLink:
         self._head.link_lost()
         self._controls.link_lost()
         self._maps.link_lost()
-        self._watched.link_lost()
+        self._link.watched.link_lost()
         self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:
@@ -729,19 +675,6 @@ class ControlLink:
                     return
             await asyncio.sleep(pause_s)
 
-    def _report_unusable_reading(self, title: str, reason: str) -> None:
-        self._report.problems.count(
-            f"reading {title}",
-            severity="warning",
-            what=localized(
-                QT_TR_NOOP("{count} message(s) from the robot cannot be shown as {title}: {reason}."),
-                title=title,
-                reason=reason,
-            ),
-            meaning=QT_TR_NOOP("The Robot panel continues to show the last value."),
-            advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
-        )
-
     def _report_unconfirmed_cancel(self) -> None:
         self._put(
             Problem(
@@ -752,17 +685,3 @@ class ControlLink:
                 QT_TR_NOOP("Watch the robot; use its emergency stop if it moves."),
             )
         )
-
-    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
-        self._begin(work)
-
-    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = self._loop.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._finished)
-        return task
-
-    def _finished(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and task.exception() is not None:
-            logger.error("Something in the background failed", exc_info=task.exception())

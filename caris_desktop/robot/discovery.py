@@ -25,37 +25,29 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_process import start_s
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
 from caris_desktop.robot.localization import TransformTree
-from caris_desktop.robot.profile import (
-    RobotProfile,
-    SecuritySettings,
-    leaves_ros_open,
-    list_profiles,
-    load_profile,
-    with_ros,
-)
+from caris_desktop.robot.profile import leaves_ros_open, list_profiles, load_profile, with_ros
+from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, may_stop, propose
 from caris_desktop.robot.robot_checks import (
-    LinkProbe,
     NamedTopic,
     RobotInventory,
     actions_of,
-    in_dialect,
     list_inventory,
     map_services_of,
     named_in,
     picture_advice,
+    probed,
     rosapi_reply,
     services_of,
 )
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros import joint_messages, message_conversion, navigation_messages
-from caris_desktop.ros.dialect import Dialect, decode_time, same_type
-from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.raw_image import decode_image, republish_advice
+from caris_desktop.ros import message_conversion
+from caris_desktop.ros.dialect import Dialect, decode_time, package_and_name, same_type, type_name
+from caris_desktop.ros.message_conversion import decode_image, republish_advice
+from caris_desktop.ros.message_fields import MessageError, stamp_or_none
 
 logger = logging.getLogger(__name__)
 
-_GOODBYE_S = 0.3
 _LISTEN_S = 1.0
 _MAX_REQUESTS = 60
 _INVENTORY_WITHIN_S = 8.0
@@ -123,7 +115,10 @@ async def detect_dialect(
         When nothing answers at the address.
     """
     async with _connected(address, security, timeout_s) as ros:
-        return (await _ros_version(ros))[0] or await _dialect_of_topics(ros)
+        dialect, _ = await _ros_version(ros)
+        with contextlib.suppress(ServiceCallError):
+            dialect = dialect or (await list_inventory(ros)).dialect
+        return dialect
 
 
 def load_profile_blocking(name_or_path_or_url: str, *, timeout_s: float = 2.0) -> RobotProfile:
@@ -179,26 +174,26 @@ async def list_offer(ros: RosbridgeClient) -> RobotOffer:
     services = dict.fromkeys(sorted(inventory.services), "")
     # In ROS 1 each query of a service type connects to its node, so they are limited.
     for name in [name for name in services if may_stop(name)][:_MAX_REQUESTS]:
-        services[name] = await _type_of(ros, "service_type", "ServiceType", service=name)
+        services[name] = await _type_of(ros, "service", name)
     actions = _actionlib_servers(inventory.topics)
     for name in sorted(inventory.actions or ())[:_MAX_REQUESTS]:
         if name not in actions:
-            actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
+            actions[name] = await _type_of(ros, "action", name)
     # Most informative types first: a large robot has hundreds of topics, with two queries each.
     ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
     topics = [topic for _rank, topic in ranked[:_MAX_REQUESTS]]
-    publishers = await _count_nodes(ros, topics, "publishers", "Publishers")
-    subscribers = await _count_nodes(ros, topics, "subscribers", "Subscribers")
+    publishers = await asyncio.gather(*(_nodes(ros, "publishers", topic) for topic in topics))
+    subscribers = await asyncio.gather(*(_nodes(ros, "subscribers", topic) for topic in topics))
     # A topic with neither has nodes unknown to rosapi.
-    used = [topic for topic in topics if publishers[topic] or subscribers[topic]]
+    used = [found for found in zip(topics, publishers, subscribers, strict=True) if found[1] or found[2]]
     return RobotOffer(
         inventory.topics,
         services,
         actions,
         dialect,
         distribution,
-        publishers={topic: publishers[topic] for topic in used},
-        subscribers={topic: subscribers[topic] for topic in used},
+        publishers={topic: len(names) for topic, names, _ in used},
+        subscribers={topic: len(names) for topic, _, names in used},
     )
 
 
@@ -255,28 +250,23 @@ async def check_streams(
         inputs: list[tuple[NamedTopic, str]] = []
         tree = TransformTree()
         for named in named_in(profile):
-            if inventory is None:
-                if named.published:
-                    listeners.append(
-                        _StreamListener(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree)
-                    )
-                else:
-                    report_check(_unknown(named.field, named.label, named.topic))
-                continue
-            kind = inventory.topics.get(named.topic)
-            otherwise = picture_advice(named, inventory)
-            if otherwise:
-                report_check(_unfit(named, otherwise))
+            usual = type_name(Dialect(profile.ros), *package_and_name(named.types[0]))
+            kind = usual if inventory is None else inventory.topics.get(named.topic)
+            otherwise = "" if inventory is None else picture_advice(named, inventory)
+            if inventory is None and not named.published:
+                report_check(_unknown(*named.key))
+            elif otherwise:
+                report_check(_rated(named, "wrong", otherwise))
             elif kind is None:
                 report_check(_absent(named))
             elif kind and not any(same_type(kind, expected) for expected in named.types):
                 carries = QT_TR_NOOP("Its type is {kind}; {expected} was expected.")
-                report_check(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
+                other = localized(carries, kind=kind, expected=" / ".join(named.types))
+                report_check(_rated(named, "wrong", other))
             elif named.published:
-                kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
-                listeners.append(_StreamListener(ros, profile, named, kind, tree))
+                listeners.append(_StreamListener(ros, profile, named, kind or usual, tree))
             else:
-                inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
+                inputs.append((named, kind or usual))
         for check in _offered_checks(profile, inventory):
             report_check(check)
         await asyncio.sleep(seconds)
@@ -295,10 +285,7 @@ async def _connected(
     address: str, security: SecuritySettings | None, timeout_s: float
 ) -> AsyncIterator[RosbridgeClient]:
     """Separate connection. Raises ExploreError."""
-    probe = LinkProbe()
-    ros = RosbridgeClient(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
-    ros.connect()
-    try:
+    async with probed(address, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security) as (ros, probe):
         try:
             async with asyncio.timeout(timeout_s + start_s(address)):
                 what, advice = await probe.outcome
@@ -314,8 +301,6 @@ async def _connected(
             if probe.broke_off:  # then nothing was answered, whatever the query
                 raise _broken_off(security) from error
             raise
-    finally:
-        await ros.aclose(_GOODBYE_S)
 
 
 def _broken_off(security: SecuritySettings | None) -> ExploreError:
@@ -358,27 +343,11 @@ async def _ros_version(ros: RosbridgeClient) -> tuple[Dialect | None, str]:
     return dialect, distribution if isinstance(distribution, str) else ""
 
 
-async def _dialect_of_topics(ros: RosbridgeClient) -> Dialect | None:
-    try:
-        return (await list_inventory(ros)).dialect
-    except ServiceCallError:
-        return None
-
-
-async def _names(ros: RosbridgeClient, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
-    """List of names from rosapi; empty if it does not know the query."""
-    try:
-        answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
-    except ServiceCallError as error:
-        logger.debug("rosapi: %s", error)
-        return []
-    names = answer.get(key)
-    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
-
-
-async def _count_nodes(ros: RosbridgeClient, topics: list[str], service: str, kind: str) -> dict[str, int]:
-    node_lists = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
-    return {topic: len(nodes) for topic, nodes in zip(topics, node_lists, strict=True)}
+async def _nodes(ros: RosbridgeClient, kind: Literal["publishers", "subscribers"], topic: str) -> list[str]:
+    """Nodes at a topic; empty if unknown."""
+    with contextlib.suppress(ServiceCallError):
+        return await ros.nodes(kind, topic)
+    return []
 
 
 def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
@@ -391,10 +360,10 @@ def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-async def _type_of(ros: RosbridgeClient, service: str, kind: str, /, **arguments: str) -> str:
+async def _type_of(ros: RosbridgeClient, kind: Literal["service", "action"], name: str) -> str:
     """Type of a service or action from rosapi; empty if unknown."""
     try:
-        found = (await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)).get("type")
+        found = (await ros.ask(f"/rosapi/{kind}_type", f"rosapi/{kind.capitalize()}Type", {kind: name})).get("type")
     except ServiceCallError as error:
         logger.debug("rosapi: %s", error)
         return ""
@@ -415,7 +384,7 @@ async def _with_received_streams(ros: RosbridgeClient, offer: RobotOffer) -> Rob
             frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
 
     def on_joints(message: Any) -> None:
-        joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
+        joints.update(dict.fromkeys(message_conversion.decode_joint_state(message).positions))
 
     readers: tuple[tuple[str, Callable[[Any], None]], ...] = (
         ("tf2_msgs/TFMessage", on_transforms),
@@ -459,9 +428,9 @@ def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
         for named in named_in(profile)
         if not named.field.startswith("controls.")
     ]
-    hits += [name in offer.services for key, _, name in services_of(profile) if not key.startswith("controls.")]
     hits += [name in offer.services for name in map_services_of(profile)]
-    hits += [name in offer.actions for key, _, name in actions_of(profile) if not key.startswith("controls.")]
+    for offered, rows in ((offer.services, services_of(profile)), (offer.actions, actions_of(profile))):
+        hits += [name in offered for key, _, name in rows if not key.startswith("controls.")]
     return hits
 
 
@@ -507,11 +476,9 @@ class _StreamListener:
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
         if self._count == 0:
-            detail = QT_TR_NOOP("No message received.")
             if named.expected_hz is None:
-                detail = QT_TR_NOOP("No message received; this topic is only sent occasionally.")
-            state: StreamState = "quiet" if named.expected_hz is None else "nothing"
-            return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+                return _rated(named, "quiet", QT_TR_NOOP("No message received; this topic is only sent occasionally."))
+            return _rated(named, "nothing", QT_TR_NOOP("No message received."))
         took_s = self._last_s - self._first_s
         rate_hz = (self._count - 1) / took_s if self._count > 1 and took_s > 0.0 else None
         age_s = self._loop.time() - self._last_s
@@ -519,8 +486,8 @@ class _StreamListener:
             detail = self._describe(self._message)
         except (MessageError, ValueError) as error:
             wrong = localized(QT_TR_NOOP("The messages cannot be used: {error}."), error=error)
-            return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
-        state = "good"
+            return _rated(named, "wrong", wrong, rate_hz, age_s)
+        state: StreamState = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
             state = "slow"
         late_s = self._late_s(offset_ns)
@@ -528,18 +495,12 @@ class _StreamListener:
             state = "slow"
             late = localized(QT_TR_NOOP("The latency is {late} s."), late=f"{late_s:.1f}")
             detail = joined((detail, late))
-        return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
+        return _rated(named, state, detail, rate_hz, age_s)
 
     def _late_s(self, offset_ns: int | None) -> float | None:
         """Age of the last message on arrival, by the robot's clock."""
-        header = self._message.get("header") if isinstance(self._message, dict) else None
-        if offset_ns is None or not isinstance(header, dict):
-            return None
-        try:
-            stamp_ns = decode_time(header.get("stamp"))
-        except ValueError:
-            return None
-        return None if stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
+        stamp_ns = stamp_or_none(self._message)
+        return None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
 
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
@@ -552,25 +513,29 @@ async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
     return None if robot_ns is None else robot_ns - (sent_ns + time.time_ns()) // 2
 
 
-_HAS_SERVICE = QT_TR_NOOP("The robot has this service.")
-
-
 def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> Iterator[StreamCheck]:
     """Checks of the profile's services and actions."""
     if inventory is None:
-        for key, label, name in (*services_of(profile), *actions_of(profile)):
-            yield _unknown(key, label, name)
+        for row in (*services_of(profile), *actions_of(profile)):
+            yield _unknown(*row)
         return
-    for key, label, service in services_of(profile):
-        there = inventory.has_service(service)
-        words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service with this name.")
-        yield StreamCheck(key, label, service, "good" if there else "nothing", None, None, words)
+    has_service = QT_TR_NOOP("The robot has this service.")
+    rows: list[tuple[tuple[str, str, str], bool | None, str, str, StreamState]] = []
+    for row in services_of(profile):
+        no_service = QT_TR_NOOP("The robot has no service with this name.")
+        rows.append((row, inventory.has_service(row[2]), has_service, no_service, "nothing"))
     for service in map_services_of(profile):
-        there = inventory.has_service(service)
-        words = _HAS_SERVICE if there else QT_TR_NOOP("Not available now; only in one mode of the robot.")
-        yield StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words)
-    for key, label, action in actions_of(profile):
-        yield _action_check(key, label, action, there=inventory.has_action(action))
+        not_now = QT_TR_NOOP("Not available now; only in one mode of the robot.")
+        rows.append((("maps", "Maps", service), inventory.has_service(service), has_service, not_now, "quiet"))
+    for row in actions_of(profile):
+        has_action = QT_TR_NOOP("The robot has this action.")
+        no_action = QT_TR_NOOP("The robot has no action with this name.")
+        rows.append((row, inventory.has_action(row[2]), has_action, no_action, "nothing"))
+    for row, there, present, absent, state in rows:
+        if there is None:
+            yield StreamCheck(*row, "quiet", None, None, QT_TR_NOOP("The robot does not report its actions."))
+        else:
+            yield StreamCheck(*row, "good" if there else state, None, None, present if there else absent)
 
 
 def _unknown(field: str, label: str, name: str) -> StreamCheck:
@@ -579,44 +544,41 @@ def _unknown(field: str, label: str, name: str) -> StreamCheck:
 
 
 def _absent(named: NamedTopic) -> StreamCheck:
-    state: StreamState = "nothing" if named.needed else "quiet"
     nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
     detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
-    return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+    return _rated(named, "nothing" if named.needed else "quiet", detail)
 
 
-def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
-    return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
+def _rated(
+    named: NamedTopic, state: StreamState, detail: str, rate_hz: float | None = None, age_s: float | None = None
+) -> StreamCheck:
+    return StreamCheck(*named.key, state, rate_hz, age_s, detail)
 
 
 async def _bridge_subscribes(ros: RosbridgeClient, listeners: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for listener in listeners:
         if listener.received:
-            names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=listener.topic)
+            names = await _nodes(ros, "subscribers", listener.topic)
             return any(_BRIDGE in name for name in names)
     return False
 
 
 async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, bridge_reports: bool) -> StreamCheck:
-    def verdict(state: StreamState, detail: str) -> StreamCheck:
-        return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
-
-    listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
-    speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
+    listeners = await _nodes(ros, "subscribers", named.topic)
+    speakers = await _nodes(ros, "publishers", named.topic)
     if speakers and not listeners:
-        return verdict(
-            "nothing", localized(QT_TR_NOOP("Publishers: {who}. There are no subscribers."), who=_short(speakers))
-        )
+        alone = QT_TR_NOOP("Publishers: {who}. There are no subscribers.")
+        return _rated(named, "nothing", localized(alone, who=_short(speakers)))
     if not listeners:
         # A topic with neither has nodes unknown to rosapi.
-        return verdict("good", QT_TR_NOOP("The robot has this topic."))
+        return _rated(named, "good", QT_TR_NOOP("The robot has this topic."))
     if bridge_reports and not await _lets_through(ros, named.topic, kind, set(speakers)):
         refused = QT_TR_NOOP(
             "Subscribers: {who}. But rosbridge does not publish it: its topics_glob does not allow this topic."
         )
-        return verdict("wrong", localized(refused, who=_short(listeners)))
-    return verdict("good", localized(QT_TR_NOOP("Subscribers: {who}."), who=_short(listeners)))
+        return _rated(named, "wrong", localized(refused, who=_short(listeners)))
+    return _rated(named, "good", localized(QT_TR_NOOP("Subscribers: {who}."), who=_short(listeners)))
 
 
 async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set[str]) -> bool:
@@ -628,7 +590,7 @@ async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set
     publisher.advertise()
     try:
         for _ in range(_ADVERTISED_WITHIN):
-            names = await _names(ros, "publishers", "Publishers", "publishers", topic=topic)
+            names = await _nodes(ros, "publishers", topic)
             # Another client of the same bridge may have made it a publisher before.
             if set(names) - before or any(_BRIDGE in name for name in names):
                 return True
@@ -636,15 +598,6 @@ async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set
         return False
     finally:
         publisher.unadvertise()
-
-
-def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:
-    if there is None:
-        return StreamCheck(
-            key, label, action, "quiet", None, None, QT_TR_NOOP("The robot does not report its actions.")
-        )
-    words = QT_TR_NOOP("The robot has this action.") if there else QT_TR_NOOP("The robot has no action with this name.")
-    return StreamCheck(key, label, action, "good" if there else "nothing", None, None, words)
 
 
 def _short(names: Iterable[str]) -> str:
@@ -673,7 +626,7 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
 
 
 def _joints(message: Any, names: tuple[str, str]) -> str:
-    known = joint_messages.decode_joint_state(message).positions
+    known = message_conversion.decode_joint_state(message).positions
     lacking = [joint for joint in names if joint not in known]
     # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
@@ -784,7 +737,7 @@ def _transforms(message: Any) -> str:
 
 
 def _path(message: Any) -> str:
-    return localized(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
+    return localized(QT_TR_NOOP("{number} points."), number=len(message_conversion.decode_path(message).points_m))
 
 
 _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {

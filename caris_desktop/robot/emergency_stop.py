@@ -10,7 +10,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
 from caris_desktop.domain.link_commands import SetEmergencyStop
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.profile import EmergencyStopInterface
+from caris_desktop.robot.profile_model import EmergencyStopInterface
 from caris_desktop.robot.robot_checks import RobotInventory, absolute_name
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError

@@ -8,7 +8,6 @@ from typing import Any
 
 from caris_desktop.robot.bridge_socket import NoAnswer
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_fields import message_of, text
 
 HANDLED_TOPIC = "/caris_desktop/handled"
@@ -34,7 +33,7 @@ class HandledOperations:
     ``handled`` gets the time since the request, in seconds.
     """
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, handled: Callable[[float], None]) -> None:
+    def __init__(self, ros: RosbridgeClient, *, handled: Callable[[float], None]) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
         self._handled = handled
@@ -48,9 +47,8 @@ class HandledOperations:
         self._proven_once = False
         self._read_to_s = 0.0
         self._unhandled_since_s: float | None = None
-        string = type_name(dialect, "std_msgs", "String")
         self._topic = RosbridgeTopic(
-            ros, HANDLED_TOPIC, string, compression="none", queue_length=0, every_message=True, motion=True
+            ros, HANDLED_TOPIC, "std_msgs/String", compression="none", queue_length=0, every_message=True, motion=True
         )
         self._topic.advertise()
         self._topic.subscribe(self._on_answer)

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +10,14 @@ from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.link_commands import MoveHead
 from caris_desktop.domain.sensing import HeadState
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.profile import HeadInterface
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.joint_messages import decode_joint_state, encode_joint_angles_with_speed, encode_joint_trajectory
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import TopicSource
+from caris_desktop.robot.transport import RosbridgeTopic
+from caris_desktop.ros.message_conversion import (
+    decode_joint_state,
+    encode_joint_angles_with_speed,
+    encode_joint_trajectory,
+)
 
 # A controller that gets a new goal before starting the last one never moves smoothly.
 SEND_EVERY_S = 0.05
@@ -29,23 +31,14 @@ NAOQI_FASTEST_RADPS = 8.0
 class RobotHead:
     """Turns the head within its range and speed limit; newer targets replace older ones.
 
-    ``emit`` gets a HeadState from the robot's joint states, and a HeadMoved for each command sent.
+    It sends a HeadState from the robot's joint states, and a HeadMoved for each command sent.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        dialect: Dialect,
-        head: HeadInterface | None,
-        watched: SubscriptionWatchdog,
-        *,
-        emit: Callable[[Any], None],
-    ) -> None:
+    def __init__(self, link: LinkContext) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ros = ros
-        self._dialect = dialect
-        self._head = head
-        self._emit = emit
+        self._ros = link.ros
+        self._head = head = link.profile.head
+        self._emit = link.put
         self._at: tuple[float, float] | None = None
         self._target: tuple[float, float] | None = None
         self._reported_ns = 0
@@ -55,17 +48,9 @@ class RobotHead:
         self._held = False
         if head is None:
             return
-        package, message = (
-            ("trajectory_msgs", "JointTrajectory")
-            if head.kind == "joint_trajectory"
-            else ("naoqi_bridge_msgs", "JointAnglesWithSpeed")
-        )
-        self._command = RosbridgeTopic(ros, head.topic, type_name(dialect, package, message), queue_size=1)
+        self._command = RosbridgeTopic(self._ros, head.topic, head.command_type, queue_size=1)
         self._command.advertise()
-        states = RosbridgeTopic(
-            ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True
-        )
-        watched.subscribe(states, self._on_joints)
+        link.listen(TopicSource(head.joint_states), "sensor_msgs/JointState", self._on_joints, queue_length=5)
 
     def move(self, command: MoveHead) -> str:
         """Turn the head; return the reason for a refusal, or an empty text."""
@@ -132,9 +117,9 @@ class RobotHead:
         self._target = target
         joints = {head.pan_joint: head.pan_sign * target[0], head.tilt_joint: head.tilt_sign * target[1]}
         if head.kind == "joint_trajectory":
-            return self._command.publish(encode_joint_trajectory(self._dialect, joints, duration_s=duration_s))
+            return self._command.publish(encode_joint_trajectory(self._ros.dialect, joints, duration_s=duration_s))
         fraction = min(1.0, max(0.01, head.speed_radps / NAOQI_FASTEST_RADPS))
-        return self._command.publish(encode_joint_angles_with_speed(self._dialect, joints, speed_fraction=fraction))
+        return self._command.publish(encode_joint_angles_with_speed(self._ros.dialect, joints, speed_fraction=fraction))
 
     def _on_joints(self, message: Any) -> None:
         head = self._head

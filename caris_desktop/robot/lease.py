@@ -7,7 +7,7 @@ from enum import Enum
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import MotionLimits
+from caris_desktop.robot.profile_model import MotionLimits
 
 EXPIRY_S = 0.15
 ZERO_REPEAT_S = 0.5

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 MOST_PIXELS = 2**24
 _CHECKED_WITHIN_S = 5.0
@@ -28,8 +28,8 @@ class LinkSettings(Value):
 def run_control_link(connection: Connection, settings: LinkSettings) -> None:
     """Entry point of the control link process.
 
-    Receives ``domain.commands`` values from ``connection`` and sends ``domain`` values. Returns after CloseLink or when
-    ``connection`` closes; in both cases the robot is stopped first.
+    Receives ``domain.link_commands`` values from ``connection`` and sends ``domain`` values. Returns after CloseLink or
+    when ``connection`` closes; in both cases the robot is stopped first.
     """
     from caris_desktop.robot.control_link import ControlLink
     from caris_desktop.robot.link_process import run_link

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.profile import TransformFrames
+from caris_desktop.robot.profile_model import TransformFrames
 from caris_desktop.ros.message_conversion import Transform
 
 HISTORY_NS = 10_000_000_000

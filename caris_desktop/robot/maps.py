@@ -3,7 +3,7 @@
 import logging
 import math
 import re
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
@@ -12,16 +12,17 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import MapServices, RobotProfile
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import MapServices
 from caris_desktop.robot.robot_checks import RobotInventory
-from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.map_services import (
+from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.message_conversion import (
     LOCALIZE_AT_POSE,
     START_AT_FIRST_NODE,
     encode_deserialize_map,
     encode_load_map,
+    encode_pose_with_covariance_stamped,
     encode_save_map,
     encode_serialize_map,
     load_failure,
@@ -29,7 +30,6 @@ from caris_desktop.ros.map_services import (
     serialize_failure,
 )
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.navigation_messages import encode_initial_pose
 
 logger = logging.getLogger(__name__)
 
@@ -53,61 +53,36 @@ def map_name_refusal(name: str) -> str:
     return ""
 
 
-class _Offer(Value):
-    """Map services of the robot; None for missing ones."""
-
-    serialize: str | None = None
-    deserialize: str | None = None
-    pause: str | None = None
-    load: str | None = None
-    save: str | None = None
-
-
 class RobotMaps:
     """Executes RequestMap and SetInitialPose with slam_toolbox's services, or else the map server's.
 
-    ``emit`` gets a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
+    It sends a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
     connection and each switch. ``pose`` returns the robot's present pose.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        dialect: Dialect,
-        profile: RobotProfile,
-        *,
-        emit: Callable[[Any], None],
-        pose: Callable[[], Pose2D | None],
-        in_background: Callable[[Coroutine[Any, Any, None]], None],
-    ) -> None:
-        self._ros = ros
-        self._dialect = dialect
+    def __init__(self, link: LinkContext, *, pose: Callable[[], Pose2D | None]) -> None:
+        self._ros, profile = link.ros, link.profile
         self._frame = profile.frames.map
         self._map_topic = profile.map.topic if profile.map is not None else "map"
         self._services = profile.maps or MapServices()
-        self._emit = emit
+        self._emit = link.put
         self._pose = pose
-        self._in_background = in_background
-        self._offer = _offer(self._services, dialect)
+        self._in_background = link.in_background
+        self._offer = _offer(self._services, self._ros.dialect)
         self._mapping: bool | None = None
         self._reported = False
         self._busy = ""
         self._initial_pose: RosbridgeTopic | None = None
         if profile.initial_pose is not None:
-            kind = type_name(dialect, "geometry_msgs", "PoseWithCovarianceStamped")
-            self._initial_pose = RosbridgeTopic(ros, profile.initial_pose, kind, queue_size=1)
+            kind = "geometry_msgs/PoseWithCovarianceStamped"
+            self._initial_pose = RosbridgeTopic(self._ros, profile.initial_pose, kind, queue_size=1)
             self._initial_pose.advertise()
 
     def on_inventory(self, inventory: RobotInventory | None) -> None:
         """Find available operations on connection; by the profile alone if the robot has no inventory."""
-        offer = _offer(self._services, self._dialect)
+        offer = _offer(self._services, self._ros.dialect)
         if inventory is not None:
-            offer = _Offer(
-                *(
-                    service if service is not None and inventory.has_service(service) else None
-                    for service in (offer.serialize, offer.deserialize, offer.pause, offer.load, offer.save)
-                )
-            )
+            offer = {operation: service for operation, service in offer.items() if inventory.has_service(service)}
         self._offer = offer
         self._in_background(self._find_out_mapping())
 
@@ -127,8 +102,8 @@ class RobotMaps:
             return QT_TR_NOOP("this robot's profile does not define a topic for it")
         if not all(math.isfinite(value) for value in (pose.x_m, pose.y_m, pose.heading_rad)):
             return QT_TR_NOOP("the position on the map is invalid")
-        message = encode_initial_pose(
-            self._dialect,
+        message = encode_pose_with_covariance_stamped(
+            self._ros.dialect,
             pose,
             spread_m=command.spread_m,
             spread_rad=command.spread_rad,
@@ -159,10 +134,10 @@ class RobotMaps:
         if self._busy:
             return QT_TR_NOOP("the previous map operation is still running")
         able = {
-            "save": offer.serialize or offer.save,
-            "load": offer.deserialize or offer.load,
-            "start_mapping": offer.pause,
-            "start_localization": offer.pause,
+            "save": offer.get("serialize") or offer.get("save"),
+            "load": offer.get("deserialize") or offer.get("load"),
+            "start_mapping": offer.get("pause"),
+            "start_localization": offer.get("pause"),
         }
         return "" if able[command.operation] else QT_TR_NOOP("the robot offers no service for it")
 
@@ -170,7 +145,7 @@ class RobotMaps:
         detail = ""
         try:
             failure = await self._done(command)
-            if command.operation == "load" and self._offer.deserialize is not None:
+            if command.operation == "load" and "deserialize" in self._offer:
                 # slam_toolbox's answer is the same for a missing map.
                 detail = UNSURE
         except (ServiceCallError, MessageError) as error:
@@ -194,50 +169,48 @@ class RobotMaps:
                 paused = await self._ask_paused()
                 mapping = not paused if paused is not None else self._mapping
                 # The service toggles; slam_toolbox starts in mapping mode.
-                if (mapping is not False) != starts and offer.pause is not None:
-                    await self._call(offer.pause, "slam_toolbox", "Pause", {})
+                if (mapping is not False) != starts and "pause" in offer:
+                    await self._call(offer["pause"], "slam_toolbox/Pause", {})
                 self._set_mapping(starts)
                 return ""
 
-    async def _save(self, path: str, offer: _Offer) -> str:
+    async def _save(self, path: str, offer: dict[str, str]) -> str:
         failures = []
-        if offer.serialize is not None:
-            answer = await self._call(offer.serialize, "slam_toolbox", "SerializePoseGraph", encode_serialize_map(path))
+        if "serialize" in offer:
+            answer = await self._call(offer["serialize"], "slam_toolbox/SerializePoseGraph", encode_serialize_map(path))
             failures.append(serialize_failure(answer))
-        if offer.save is not None:
+        if "save" in offer:
             # Next to the pose graph, for programs that only read map images.
             request = encode_save_map(path, map_topic=self._map_topic)
-            failures.append(save_failure(await self._call(offer.save, "nav2_msgs", "SaveMap", request)))
+            failures.append(save_failure(await self._call(offer["save"], "nav2_msgs/SaveMap", request)))
         return "; ".join(filter(None, failures))
 
-    async def _load(self, path: str, offer: _Offer) -> str:
-        if offer.deserialize is not None:
+    async def _load(self, path: str, offer: dict[str, str]) -> str:
+        if "deserialize" in offer:
             here = self._pose()
             localizing = self._mapping is False
             request = encode_deserialize_map(
                 path, match_type=LOCALIZE_AT_POSE if localizing and here is not None else START_AT_FIRST_NODE, at=here
             )
-            await self._call(offer.deserialize, "slam_toolbox", "DeserializePoseGraph", request)
+            await self._call(offer["deserialize"], "slam_toolbox/DeserializePoseGraph", request)
             return ""
-        if offer.load is None:
+        if "load" not in offer:
             return QT_TR_NOOP("the robot offers no service for it")
-        package = "nav_msgs" if self._dialect is Dialect.ROS1 else "nav2_msgs"
+        kind = "nav_msgs/LoadMap" if self._ros.dialect is Dialect.ROS1 else "nav2_msgs/LoadMap"
         try:
-            answer = await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml"))
+            answer = await self._call(offer["load"], kind, encode_load_map(f"{path}.yaml"))
         except AnswerTooLargeError as large:
             # The answer contains the whole map, with the result at its end. The map itself arrives on its topic, over
             # the other link.
             answer = {"result": int(found[1])} if (found := _RESULT.search(large.tail)) else {"result": 255}
         return load_failure(answer)
 
-    async def _call(self, service: str, package: str, name: str, request: dict[str, Any]) -> dict[str, Any]:
-        return await self._ros.ask(
-            service, service_type_name(self._dialect, package, name), request, timeout_s=MAP_WAIT_S
-        )
+    async def _call(self, service: str, kind: str, request: dict[str, Any]) -> dict[str, Any]:
+        return await self._ros.ask(service, kind, request, timeout_s=MAP_WAIT_S)
 
     async def _find_out_mapping(self) -> None:
         mapping: bool | None = None
-        if self._offer.pause is not None:
+        if "pause" in self._offer:
             paused = await self._ask_paused()
             mapping = None if paused is None else not paused
         self._set_mapping(mapping)
@@ -245,12 +218,11 @@ class RobotMaps:
     async def _ask_paused(self) -> bool | None:
         """State of slam_toolbox's toggle from its parameter; None if unreadable."""
         node = self._services.slam_toolbox
-        separator = "/" if self._dialect is Dialect.ROS1 else ":"
-        kind = service_type_name(
-            self._dialect, "rosapi" if self._dialect is Dialect.ROS1 else "rosapi_msgs", "GetParam"
-        )
+        separator = "/" if self._ros.dialect is Dialect.ROS1 else ":"
         try:
-            answer = await self._ros.ask("/rosapi/get_param", kind, {"name": f"{node}{separator}{_PAUSED}"})
+            answer = await self._ros.ask(
+                "/rosapi/get_param", "rosapi/GetParam", {"name": f"{node}{separator}{_PAUSED}"}
+            )
             paused = parse_json(answer.get("value") or "null")
         except (ServiceCallError, TypeError, ValueError) as error:
             logger.debug("Whether the robot maps is not known: %s", error)
@@ -265,9 +237,9 @@ class RobotMaps:
             MappingChanged(
                 now_ns(),
                 mapping,
-                can_save=bool(offer.serialize or offer.save),
-                can_load=bool(offer.deserialize or offer.load),
-                can_switch=bool(offer.pause),
+                can_save=bool(offer.get("serialize") or offer.get("save")),
+                can_load=bool(offer.get("deserialize") or offer.get("load")),
+                can_switch=bool(offer.get("pause")),
             )
         )
 
@@ -279,16 +251,17 @@ class RobotMaps:
         )
 
 
-def _offer(services: MapServices, dialect: Dialect) -> _Offer:
+def _offer(services: MapServices, dialect: Dialect) -> dict[str, str]:
+    """Map services of the robot by operation: serialize, deserialize, pause, load and save."""
     slam, server, saver = services.slam_toolbox, services.map_server, services.map_saver
-    load = None
+    offer = {}
+    if slam:
+        offer = {"serialize": "serialize_map", "deserialize": "deserialize_map", "pause": "pause_new_measurements"}
+        offer = {operation: f"{slam}/{service}" for operation, service in offer.items()}
     if server is not None:
         # ROS 1's map server (from Noetic on) has its service in its namespace rather than under its own name.
-        load = f"{server}/load_map" if dialect is Dialect.ROS2 else f"{server.rpartition('/')[0]}/change_map"
-    return _Offer(
-        serialize=f"{slam}/serialize_map" if slam else None,
-        deserialize=f"{slam}/deserialize_map" if slam else None,
-        pause=f"{slam}/pause_new_measurements" if slam else None,
-        load=load,
-        save=f"{saver}/save_map" if saver and dialect is Dialect.ROS2 else None,
-    )
+        ros2 = dialect is Dialect.ROS2
+        offer["load"] = f"{server}/load_map" if ros2 else f"{server.rpartition('/')[0]}/change_map"
+    if saver and dialect is Dialect.ROS2:
+        offer["save"] = f"{saver}/save_map"
+    return offer

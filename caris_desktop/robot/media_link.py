@@ -16,32 +16,32 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.sensing import AudioChunk, CameraLens, FrameRef, OccupancyGrid
+from caris_desktop.domain.sensing import AudioChunk, CameraLens, OccupancyGrid
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
-from caris_desktop.robot.clock_offset import OffsetEstimate
-from caris_desktop.robot.console_sender import ConsoleSender, ProblemReporter
-from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
-from caris_desktop.robot.profile import AudioInterface, CameraTopic, RobotProfile
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender
+from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, RobotProfile, TopicSource
 from caris_desktop.robot.sensors import CLOCK
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.audio_messages import (
+from caris_desktop.robot.transport import MEDIA_SIZES, LinkObserver, RosbridgeTopic
+from caris_desktop.ros.message_conversion import (
     AudioForm,
+    GridUpdate,
     decode_audio_data,
     decode_audio_info,
+    decode_camera_info,
+    decode_clock,
+    decode_compressed_image,
+    decode_image,
+    decode_occupancy_grid,
+    decode_occupancy_grid_update,
     encode_audio_data,
+    republish_advice,
     samples_of,
 )
-from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.message_conversion import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.navigation_messages import GridUpdate, decode_clock, decode_occupancy_grid_update
-from caris_desktop.ros.raw_image import decode_image, republish_advice
 
 # It hardly ever changes, and rosbridge requires a throttle for a topic sent with every image.
 LENS_EVERY_MS = 2000
@@ -56,35 +56,26 @@ _PACKAGE = "audio_common_msgs"
 class RobotSound:
     """Forwards the microphone while requested, and plays audio. On the link's loop."""
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        dialect: Dialect,
-        interface: AudioInterface,
-        *,
-        put: Callable[[AudioChunk], None],
-        problems: ProblemReporter,
-        offset_at: Callable[[int], OffsetEstimate | None],
-    ) -> None:
-        self._ros = ros
+    def __init__(self, link: LinkContext, interface: AudioInterface) -> None:
+        self._ros = ros = link.ros
         self._interface = interface
-        self._put = put
-        self._problems = problems
-        self._offset_at = offset_at
+        self._put = link.put
+        self._problems = link.report.problems
+        self._measurement = link.measurement
         self._form = AudioForm(interface.format, interface.rate_hz, interface.channels)
         self._clock = SoundClock()
         self._mp3: Mp3Stream | None = None
         self._ears: list[tuple[RosbridgeTopic, Callable[[Any], None]]] = []
         if interface.topic is not None:
-            data_type = type_name(dialect, _PACKAGE, interface.type)
+            data_type = f"{_PACKAGE}/{interface.type}"
             topic = RosbridgeTopic(ros, interface.topic, data_type, queue_length=_QUEUED, every_message=True)
             self._ears.append((topic, self._on_sound))
             if interface.info is not None:
-                info = RosbridgeTopic(ros, interface.info, type_name(dialect, _PACKAGE, "AudioInfo"))
+                info = RosbridgeTopic(ros, interface.info, f"{_PACKAGE}/AudioInfo")
                 self._ears.append((info, self._on_info))
         self._speaker: RosbridgeTopic | None = None
         if interface.speaker is not None:
-            self._speaker = RosbridgeTopic(ros, interface.speaker, type_name(dialect, _PACKAGE, "AudioData"))
+            self._speaker = RosbridgeTopic(ros, interface.speaker, f"{_PACKAGE}/AudioData")
 
     def listen(self, on: bool) -> None:
         """Start or stop the robot's microphone stream."""
@@ -135,7 +126,7 @@ class RobotSound:
             return
         length_ns = len(samples) * 1_000_000_000 // rate_hz
         stamp_ns, missing_ns = self._clock.stamp(arrival_ns=arrival_ns, length_ns=length_ns)
-        stamp_ns = self._by_robot(packet.robot_stamp_ns, arrival_ns) or stamp_ns
+        stamp_ns = self._measurement.measured_ns(packet.robot_stamp_ns, arrival_ns)[0] or stamp_ns
         if missing_ns:
             self._problems.count(
                 "missing sound",
@@ -148,14 +139,6 @@ class RobotSound:
                 advice=QT_TR_NOOP("If this happens often, check the robot's network."),
             )
         self._put(AudioChunk(stamp_ns, ROBOT_MICROPHONE, rate_hz, samples))
-
-    def _by_robot(self, robot_stamp_ns: int | None, arrival_ns: int) -> int | None:
-        offset = self._offset_at(arrival_ns)
-        if offset is None:
-            return None
-        return clock.measured_ns(
-            robot_stamp_ns, arrival_ns=arrival_ns, offset_ns=offset.offset_ns, uncertainty_ns=offset.uncertainty_ns
-        )
 
     def _samples(self, content: bytes) -> tuple[NDArray[np.int16], int]:
         if self._form.coding == "wave":
@@ -201,74 +184,45 @@ class Mp3Stream:
 logger = logging.getLogger(__name__)
 
 
-class MediaLink:
+class MediaLink(LinkObserver):
     """Bulk data on a separate socket and process, where decoding delays nothing else."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: ConsoleSender, frames: FrameWriter) -> None:
-        dialect = Dialect(profile.ros)
         self._put = outbox.put
         self._frames = frames
         self._closing = False
-        self._report = LinkReporter("media", address, outbox)
-        traffic = TrafficMeter("media")
-        self._ros = RosbridgeClient(
-            address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=profile.security, traffic=traffic
+        streams = {camera.topic: "frame" for camera in profile.cameras}
+        self._link = LinkContext(
+            "media", profile, address, outbox, self, streams=streams, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES
         )
-        self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put,
-            link="media",
-            streams={camera.topic: "frame" for camera in profile.cameras},
-            simulation_time=profile.simulation_time,
-        )  # fmt: skip
+        self._report, self._ros, self._measurement = self._link.report, self._link.ros, self._link.measurement
+        self._watched = self._link.watched
         self._takes_updates = profile.map_updates is not None
-        self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
-        self._watched = SubscriptionWatchdog(self._ros, dialect, report=self._put)
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
+        listen = self._link.listen
         for camera in profile.cameras:
-            images = RosbridgeTopic(
-                self._ros,
-                camera.topic,
-                type_name(dialect, "sensor_msgs", camera.type),
-                throttle_rate=camera.throttle_ms,
-            )
-            self._watched.subscribe(images, partial(self._on_image, camera=camera))
+            images = TopicSource(camera.topic, camera.throttle_ms)
+            listen(images, f"sensor_msgs/{camera.type}", partial(self._on_image, camera=camera))
             if camera.info is not None:
-                info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
-                info = RosbridgeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
-                self._watched.subscribe(info, partial(self._on_lens, camera=camera))
+                info = TopicSource(camera.info, LENS_EVERY_MS)
+                listen(info, "sensor_msgs/CameraInfo", partial(self._on_lens, camera=camera))
         self._sound: RobotSound | None = None
         if profile.audio is not None:
-            self._sound = RobotSound(
-                self._ros, dialect, profile.audio,
-                put=self._put, problems=self._report.problems, offset_at=self._measurement.offset_at,
-            )  # fmt: skip
+            self._sound = RobotSound(self._link, profile.audio)
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
-        if profile.map is not None:
-            grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
-            topic = RosbridgeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
-            self._watched.subscribe(topic, self._on_map)
-        if profile.map_updates is not None:
-            RosbridgeTopic(
-                self._ros,
-                profile.map_updates.topic,
-                type_name(dialect, "map_msgs", "OccupancyGridUpdate"),
-                throttle_rate=profile.map_updates.throttle_ms,
-                queue_length=50,
-                every_message=True,
-            ).subscribe(self._on_map_update)
+        listen(profile.map, "nav_msgs/OccupancyGrid", self._on_map)
+        # Even if it is latched, resubscribing would lose messages.
+        updates = None if profile.map_updates is None else replace(profile.map_updates, latched=False)
+        listen(updates, "map_msgs/OccupancyGridUpdate", self._on_map_update, queue_length=50, watched=False)
         if profile.simulation_time:
-            clock = RosbridgeTopic(
-                self._ros, CLOCK.topic, type_name(dialect, "rosgraph_msgs", "Clock"), throttle_rate=CLOCK.throttle_ms
-            )
-            clock.subscribe(lambda message: self._measurement.add_simulation_time(decode_clock(message)))
+            add_time = self._measurement.add_simulation_time
+            listen(CLOCK, "rosgraph_msgs/Clock", lambda message: add_time(decode_clock(message)), watched=False)
 
     def start(self) -> None:
-        self._report.changed("connecting")
-        self._ros.connect()
-        self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
+        self._link.start()
 
     def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         for command in received:
@@ -285,8 +239,7 @@ class MediaLink:
     async def finish(self) -> None:
         self._closing = True
         self._watched.link_lost()
-        if self._measuring is not None:
-            self._measuring.cancel()
+        self._link.cancel()
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 
@@ -321,16 +274,23 @@ class MediaLink:
 
     def _on_image(self, message: Any, camera: CameraTopic) -> None:
         try:
-            image_bgr, robot_stamp_ns = _unfolded(message) if camera.type == "CompressedImage" else _raw(message)
-            ref = self._frames.write(
-                image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
-            )
+            if camera.type == "CompressedImage":
+                compressed = decode_compressed_image(message)
+                image_bgr, robot_stamp_ns = decode_compressed(compressed.content), compressed.robot_stamp_ns
+            else:
+                raw = decode_image(message)
+                image_bgr, robot_stamp_ns = fitted(raw.image_bgr), raw.robot_stamp_ns
+            arrival_ns = self._ros.arrival_ns
+            ref = self._frames.write(image_bgr, stamp_ns=arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name)
         except MessageError as error:
             problem = localized(QT_TR_NOOP("the data cannot be read as an image: {why}"), why=error)
         except PictureError as error:
             problem = localized(QT_TR_NOOP("the last one {why}"), why=error)
         else:
-            self._put(self._with_its_moment(ref))
+            taken_ns, uncertainty_ns = self._measurement.measured_ns(ref.robot_stamp_ns, ref.stamp_ns)
+            if taken_ns is not None:
+                ref = replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=uncertainty_ns)
+            self._put(ref)
             if camera.type == "Image":
                 self._advise(camera, image_bgr)
             return
@@ -345,18 +305,6 @@ class MediaLink:
             meaning=QT_TR_NOOP("The video freezes or stutters."),
             advice=localized(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
         )
-
-    def _with_its_moment(self, ref: FrameRef) -> FrameRef:
-        offset = self._measurement.offset_at(ref.stamp_ns)
-        if offset is None:
-            return ref
-        taken_ns = clock.measured_ns(
-            ref.robot_stamp_ns,
-            arrival_ns=ref.stamp_ns,
-            offset_ns=offset.offset_ns,
-            uncertainty_ns=offset.uncertainty_ns,
-        )
-        return ref if taken_ns is None else replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=offset.uncertainty_ns)
 
     def _advise(self, camera: CameraTopic, image_bgr: NDArray[np.uint8]) -> None:
         """Recommend compression once the load is known: uncompressed images are avoidable."""
@@ -434,19 +382,6 @@ class MediaLink:
         grid = self._merger.snapshot()
         if grid is not None:
             self._put(grid)
-
-
-def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    """Compressed image as uint8 BGR within the size limit, and the robot's stamp. Raises
-    MessageError and PictureError.
-    """
-    image = decode_compressed_image(message)
-    return decode_compressed(image.content), image.robot_stamp_ns
-
-
-def _raw(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    image = decode_image(message)
-    return fitted(image.image_bgr), image.robot_stamp_ns
 
 
 # A map of 4000 x 4000 cells goes to the window at most a few times a minute, a small one five times a second.

@@ -6,7 +6,7 @@ from collections import deque
 from caris_desktop.domain.events import MovementState
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moves, wrap_angle
 from caris_desktop.domain.sensing import Odometry
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 # Above the thresholds of motion, so that a base at rest never raises an alarm.
 _ALARMING_MPS, _ALARMING_RADPS = 0.03, 0.06

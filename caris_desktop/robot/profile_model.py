@@ -2,7 +2,7 @@
 
 Settings are declared only here. Validation, messages, reading, writing, the JSON Schema for editors and the guide's
 tables derive from these declarations; ``python -m caris_desktop.app.generated_reference`` rewrites the latter two.
-Rules across groups are in :mod:`caris_desktop.robot.profile_content`.
+Rules across groups are in :mod:`caris_desktop.robot.profile`.
 """
 
 import math
@@ -29,7 +29,7 @@ from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, StoredAs
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
+from caris_desktop.ros.message_conversion import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
 PROFILE_VERSION: Literal[1] = 1
@@ -319,6 +319,12 @@ class EmergencyStopInterface(Value):
         return bool(self.service or self.set_service or self.command_topic)
 
 
+HEAD_TYPES = {
+    "joint_trajectory": "trajectory_msgs/JointTrajectory",
+    "joint_angles": "naoqi_bridge_msgs/JointAnglesWithSpeed",
+}
+
+
 class HeadInterface(Value):
     """A head that pans (left positive) and tilts (down positive)."""
 
@@ -341,6 +347,11 @@ class HeadInterface(Value):
     )
     pan_sign: Annotated[_Sign, FieldSpec("-1 if the joint turns right for a positive angle.")] = 1
     tilt_sign: Annotated[_Sign, FieldSpec("-1 if the joint tilts up for a positive angle.")] = 1
+
+    @property
+    def command_type(self) -> str:
+        """Message type of its topic."""
+        return HEAD_TYPES[self.kind]
 
 
 class MapServices(Value):

@@ -10,7 +10,9 @@ from typing import Any
 
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
+    HEAD_TYPES,
+    MOST_CAMERAS,
     AudioInterface,
     CameraTopic,
     EmergencyStopInterface,
@@ -27,9 +29,8 @@ from caris_desktop.robot.profile import (
     TransformFrames,
     VelocityTopic,
 )
-from caris_desktop.robot.profile_model import MOST_CAMERAS
 from caris_desktop.ros.dialect import Dialect, same_type
-from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.ros.message_conversion import republish_advice
 
 _RAW_THROTTLE_MS = 100
 # Unknown dynamics: slow enough for a first try.
@@ -98,29 +99,30 @@ def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
     namespaces = _namespaces(offer)
     chosen_namespace = namespace if namespace is not None else namespaces[0] if namespaces else ""
     ranked = _Ranking(offer, chosen_namespace)
-    fields: list[FieldProposal] = [
-        _proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_FIRST
-    ]
+    fields: list[FieldProposal] = []
+
+    def add(key: str, label: str, candidates: list[Candidate], least: float = 0.4) -> None:
+        fields.append(_proposal(key, label, candidates, least=least))
+
+    def add_topics(kinds: Iterable[_Kind]) -> None:
+        for kind in kinds:
+            add(kind.field, kind.label, ranked.topics(kind), kind.least)
+
+    add_topics(_TOPICS)
     cameras = ranked.cameras()
-    for index in range(min(MOST_CAMERAS, len(_distinct_cameras(cameras)))):
-        fields.append(_camera_proposal(index, cameras))
-    fields.append(_proposal("navigation", QT_TR_NOOP("Navigation"), ranked.navigation()))
-    fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _TOPICS_AFTER]
-    fields.append(_proposal("speech", QT_TR_NOOP("Voice"), ranked.voices()))
-    for kind in _SPEECH_TOPICS:
-        fields.append(_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least))
-    fields += [_proposal(kind.field, kind.label, ranked.topics(kind), least=kind.least) for kind in _SOUND_TOPICS]
-    fields.append(
-        _proposal("emergency_stop.topic", QT_TR_NOOP("Emergency stop state"), ranked.topics(_STOP_STATE), least=0.6)
-    )
-    fields.append(
-        _proposal("emergency_stop.service", QT_TR_NOOP("Emergency stop"), ranked.emergency_stops(), least=0.6)
-    )
-    fields.append(_proposal("head", QT_TR_NOOP("Head"), ranked.heads()))
+    for index, best in enumerate(_distinct_cameras(cameras)[:MOST_CAMERAS]):
+        # Only the first is proposed with low confidence: each further camera costs bandwidth.
+        value = best.value if index == 0 or best.confidence >= 0.7 else ""
+        label = localized(QT_TR_NOOP("Camera {number}"), number=index + 1)
+        fields.append(FieldProposal(f"cameras.{index}", label, value, tuple(cameras), best.why))
+    add("navigation", QT_TR_NOOP("Navigation"), ranked.navigation())
+    add_topics([_INITIAL_POSE])
+    add("speech", QT_TR_NOOP("Voice"), ranked.voices())
+    add_topics(_FURTHER_TOPICS)
+    add("emergency_stop.service", QT_TR_NOOP("Emergency stop"), ranked.emergency_stops(), 0.6)
+    add("head", QT_TR_NOOP("Head"), ranked.heads())
     for node, service in (("slam_toolbox", "serialize_map"), ("map_server", "load_map"), ("map_saver", "save_map")):
-        fields.append(
-            _proposal(f"maps.{node}", localized(QT_TR_NOOP("Maps: {node}"), node=node), ranked.map_nodes(service))
-        )
+        add(f"maps.{node}", localized(QT_TR_NOOP("Maps: {node}"), node=node), ranked.map_nodes(service))
     return Proposal(chosen_namespace, namespaces, tuple(fields), tuple(_notes(offer, fields)))
 
 
@@ -215,7 +217,7 @@ class _Kind(Value):
 
 
 _SPEECH_WORDS = re.compile(r"(^|[/_])(tts|speech|say|speak|speaking|talk|voice)([/_]|$)", re.IGNORECASE)
-_TOPICS_FIRST = (
+_TOPICS = (
     _Kind(
         "velocity", QT_TR_NOOP("Driving"), ("geometry_msgs/Twist", "geometry_msgs/TwistStamped"),
         ("cmd_vel", "key_vel", "cmd_vel_teleop", "teleop", "cmd_vel_key", "joy_vel", "cmd_vel_joy", "tab_vel",
@@ -256,11 +258,9 @@ _TOPICS_FIRST = (
         ("dock", "arm"),
     ),
 )  # fmt: skip
-_TOPICS_AFTER = (
-    _Kind(
-        "initial_pose", QT_TR_NOOP("Initial pose"), ("geometry_msgs/PoseWithCovarianceStamped",),
-        ("initialpose", "initial_pose"), least=0.7, published=False,
-    ),
+_INITIAL_POSE = _Kind(
+    "initial_pose", QT_TR_NOOP("Initial pose"), ("geometry_msgs/PoseWithCovarianceStamped",),
+    ("initialpose", "initial_pose"), least=0.7, published=False,
 )  # fmt: skip
 _CAMERA = _Kind(
     "cameras.0", QT_TR_NOOP("Camera"), ("sensor_msgs/CompressedImage",), ("compressed",),
@@ -271,7 +271,8 @@ _RAW_CAMERA = replace(
     types=("sensor_msgs/Image",),
     names=("image_raw", "image_color", "image", "image_rect_color", "color", "rgb", "image_rect"),
 )
-_SPEECH_TOPICS = (
+_SOUND_TYPES = ("audio_common_msgs/AudioData", "audio_common_msgs/AudioDataStamped")
+_FURTHER_TOPICS = (
     _Kind(
         "speech.speaking", QT_TR_NOOP("Voice: speaking"), ("std_msgs/Bool",),
         ("speaking", "is_speaking", "tts_active"), least=0.7,
@@ -280,9 +281,6 @@ _SPEECH_TOPICS = (
         "speech.stop", QT_TR_NOOP("Voice: stop"), ("std_msgs/Empty",),
         ("stop", "tts_stop", "stop_speaking", "shut_up"), least=0.7, published=False, about=_SPEECH_WORDS,
     ),
-)  # fmt: skip
-_SOUND_TYPES = ("audio_common_msgs/AudioData", "audio_common_msgs/AudioDataStamped")
-_SOUND_TOPICS = (
     _Kind(
         "audio.topic", QT_TR_NOOP("Microphone"), _SOUND_TYPES,
         ("audio", "audio_stamped", "audio_raw", "mic", "microphone"), ("speaker", "play", "tts", "out"),
@@ -295,10 +293,11 @@ _SOUND_TOPICS = (
         "audio.speaker", QT_TR_NOOP("Loudspeaker"), _SOUND_TYPES[:1], ("audio", "speaker", "play", "audio_play"),
         least=0.6, published=False, about=re.compile(r"speaker|play", re.IGNORECASE),
     ),
-)  # fmt: skip
-_STOP_STATE = _Kind(
-    "emergency_stop.topic", QT_TR_NOOP("Emergency stop state"), ("std_msgs/Bool",),
-    ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_emergency", "is_stopped"),
+    _Kind(
+        "emergency_stop.topic", QT_TR_NOOP("Emergency stop state"), ("std_msgs/Bool",),
+        ("emergency_stop", "e_stop", "estop", "emergency_stop_state", "emergency_button", "is_emergency", "is_stopped"),
+        least=0.6,
+    ),
 )  # fmt: skip
 _STOP_WORDS = re.compile(r"e_?stop|emergency|runstop", re.IGNORECASE)
 _HEARING_WORDS = re.compile(
@@ -321,10 +320,6 @@ _STOP_SERVICES = (("std_srvs/SetBool", "data"), ("irobot_create_msgs/EStop", "e_
 # Switching off the motors stops the robot.
 _SWITCH_WORDS = re.compile(r"motors?_?(power|enabled?)|enable_motors?", re.IGNORECASE)
 _PAIRED_SERVICES = ("std_srvs/Trigger", "std_srvs/Empty")
-_HEAD_TYPES = {
-    "trajectory_msgs/JointTrajectory": "joint_trajectory",
-    "naoqi_bridge_msgs/JointAnglesWithSpeed": "joint_angles",
-}
 _PAN_JOINTS = ("head_1_joint", "headyaw", "head_pan_joint", "head_pan", "head_yaw", "pan_joint", "neck_pan")
 _TILT_JOINTS = ("head_2_joint", "headpitch", "head_tilt_joint", "head_tilt", "head_pitch", "tilt_joint", "neck_tilt")
 
@@ -359,20 +354,14 @@ class _Ranking:
 
     def navigation(self) -> list[Candidate]:
         found = []
-        reason: str
         for action, found_type in self._offer.actions.items():
-            last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, expected) for expected in _NAVIGATION):
-                certainty, reason = (
-                    0.95,
-                    localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type),
-                )
-            elif not found_type and last in ("move_base", "navigate_to_pose"):
-                certainty, reason = 0.75, QT_TR_NOOP("It is an action server with the usual name.")
-            else:
-                continue
-            found.append(self._in_namespace(Candidate(action, found_type, certainty, reason)))
-        return _best_first(found)
+                reason = localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type)
+                found.append(Candidate(action, found_type, 0.95, reason))
+            elif not found_type and action.rsplit("/", 1)[-1] in ("move_base", "navigate_to_pose"):
+                usual = QT_TR_NOOP("It is an action server with the usual name.")
+                found.append(Candidate(action, found_type, 0.75, usual))
+        return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def voices(self) -> list[Candidate]:
         found = []
@@ -415,7 +404,7 @@ class _Ranking:
         joints = _head_joints(self._offer)
         found = []
         for topic, found_type in self._offer.topics.items():
-            kind = next((kind for known, kind in _HEAD_TYPES.items() if same_type(found_type, known)), None)
+            kind = next((kind for kind, known in HEAD_TYPES.items() if same_type(found_type, known)), None)
             if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
                 continue
             if joints is None:
@@ -488,14 +477,6 @@ def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float
     return FieldProposal(key, label, best.value if best else "", tuple(candidates), reason)
 
 
-def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
-    best = _distinct_cameras(candidates)[index]
-    # Only the first is proposed with low confidence: each further camera costs bandwidth.
-    value = best.value if index == 0 or best.confidence >= 0.7 else ""
-    label = localized(QT_TR_NOOP("Camera {number}"), number=index + 1)
-    return FieldProposal(f"cameras.{index}", label, value, tuple(candidates), best.why)
-
-
 def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Best topic of each camera, which may have raw and rectified images."""
     cameras: dict[str, Candidate] = {}
@@ -511,7 +492,7 @@ def _namespaces(offer: RobotOffer) -> tuple[str, ...]:
         prefix, _, last = topic.strip("/").rpartition("/")
         if prefix and "/" not in prefix:
             kinds = holds.setdefault(prefix, set())
-            for kind in _TOPICS_FIRST[:3]:
+            for kind in _TOPICS[:3]:
                 # Many topics carry a Twist; those that drive a robot have telling names.
                 if any(same_type(found_type, expected) for expected in kind.types) and last in kind.names:
                     kinds.add(kind.field)
@@ -540,15 +521,12 @@ def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
         if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
             heavy = QT_TR_NOOP("{topic} is not compressed, which is too much for a wireless link. Better: {advice}.")
             yield localized(heavy, topic=topic, advice=republish_advice(topic))
-    if values.get("velocity") and _has_multiplexer(offer):
+    multiplexer = re.compile(r"twist_mux|vel_mux|joy_priority$")
+    if values.get("velocity") and any(multiplexer.search(topic) for topic in offer.topics):
         yield QT_TR_NOOP(
             "There is a velocity multiplexer: drive through an input for manual control, so that driving "
             "overrides navigation."
         )
-
-
-def _has_multiplexer(offer: RobotOffer) -> bool:
-    return any("twist_mux" in topic or "vel_mux" in topic or topic.endswith("joy_priority") for topic in offer.topics)
 
 
 def _runs_on_simulation_time(offer: RobotOffer) -> bool:

@@ -3,8 +3,9 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, cast
 
 from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.clock import now_ns
@@ -13,10 +14,10 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_process import start_s
-from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros.dialect import Dialect, same_type, type_name
-from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.robot.profile_model import MapServices, RobotProfile
+from caris_desktop.robot.transport import LinkObserver, RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.ros.dialect import Dialect, package_and_name, same_type, type_name
+from caris_desktop.ros.message_conversion import republish_advice
 
 logger = logging.getLogger(__name__)
 
@@ -69,6 +70,11 @@ class NamedTopic(Value):
     published: bool = True
     expected_hz: float | None = None
     needed: bool = True
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Field, label and name."""
+        return self.field, self.label, self.topic
 
 
 async def list_inventory(ros: RosbridgeClient) -> RobotInventory:
@@ -142,7 +148,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         if otherwise:
             sentences.append(localized("{label}: {sentence}", label=localized(named.label), sentence=otherwise))
             continue
-        expected_types = " or ".join(in_dialect(dialect, one) for one in named.types)
+        expected_types = " or ".join(type_name(dialect, *package_and_name(one)) for one in named.types)
         if kind is None:
             if named.needed:
                 words = (
@@ -220,107 +226,100 @@ def map_services_of(profile: RobotProfile) -> tuple[str, ...]:
     return tuple(f"{node}/{service}" for node, service in nodes if node is not None)
 
 
+_POSE = "geometry_msgs/PoseWithCovarianceStamped"
+# As :class:`NamedTopic`, but with the place of the name in the profile, and types with its values.
+_FIRST_TOPICS = (
+    NamedTopic("velocity", QT_TR_NOOP("Driving"), "velocity.topic", ("geometry_msgs/{0.velocity.type}",), False),
+    NamedTopic("scan", QT_TR_NOOP("LIDAR"), "scan.topic", ("sensor_msgs/LaserScan",), expected_hz=5.0),
+    NamedTopic("odometry", QT_TR_NOOP("Odometry"), "odometry.topic", ("nav_msgs/Odometry",), expected_hz=5.0),
+    NamedTopic("pose", QT_TR_NOOP("Pose"), "pose.topic", (_POSE,)),
+    # with the type's name in tf's first version
+    NamedTopic(
+        "tf", QT_TR_NOOP("Transforms"), "tf.topic", ("tf2_msgs/TFMessage", "tf/tfMessage"), True, 5.0, needed=False
+    ),
+    NamedTopic("tf_static", QT_TR_NOOP("Static transforms"), "tf_static.topic", ("tf2_msgs/TFMessage",), needed=False),
+    NamedTopic("map", QT_TR_NOOP("Map"), "map.topic", ("nav_msgs/OccupancyGrid",)),
+    NamedTopic(
+        "map_updates", QT_TR_NOOP("Map updates"), "map_updates.topic", ("map_msgs/OccupancyGridUpdate",), needed=False
+    ),
+    NamedTopic("path", QT_TR_NOOP("Path"), "path.topic", ("nav_msgs/Path",), needed=False),
+    NamedTopic("battery", QT_TR_NOOP("Battery"), "battery.topic", ("sensor_msgs/BatteryState",), expected_hz=0.1),
+)
+_FURTHER_TOPICS = (
+    NamedTopic("initial_pose", QT_TR_NOOP("Initial pose"), "initial_pose", (_POSE,), False, needed=False),
+    NamedTopic("speech", QT_TR_NOOP("Speech"), "speech.topic", ("std_msgs/String",), False),
+    NamedTopic("speech.speaking", QT_TR_NOOP("Speech: speaking"), "speech.speaking", ("std_msgs/Bool",)),
+    NamedTopic("speech.stop", QT_TR_NOOP("Speech: stop"), "speech.stop", ("std_msgs/Empty",), False),
+    NamedTopic("speech.says", QT_TR_NOOP("Speech: spoken text"), "speech.says", ("std_msgs/String",)),
+    NamedTopic("emergency_stop.topic", QT_TR_NOOP("Emergency stop"), "emergency_stop.topic", ("std_msgs/Bool",)),
+    NamedTopic(
+        "emergency_stop.command_topic",
+        QT_TR_NOOP("Emergency stop"),
+        "emergency_stop.command_topic",
+        ("std_msgs/Bool",),
+        False,
+    ),
+    NamedTopic("audio", QT_TR_NOOP("Microphone"), "audio.topic", ("audio_common_msgs/{0.audio.type}",)),
+    NamedTopic(
+        "audio.info", QT_TR_NOOP("Microphone: format"), "audio.info", ("audio_common_msgs/AudioInfo",), needed=False
+    ),
+    NamedTopic("audio.speaker", QT_TR_NOOP("Loudspeaker"), "audio.speaker", ("audio_common_msgs/AudioData",), False),
+    NamedTopic("head", QT_TR_NOOP("Head"), "head.topic", ("{0.head.command_type}",), False),
+    NamedTopic(
+        "head.joint_states", QT_TR_NOOP("Joints"), "head.joint_states", ("sensor_msgs/JointState",), expected_hz=2.0
+    ),
+)
+# Field, label, and place of the name in the profile.
+_SERVICES = (
+    ("emergency_stop.service", QT_TR_NOOP("Emergency stop"), "emergency_stop.service"),
+    ("emergency_stop.set_service", QT_TR_NOOP("Emergency stop"), "emergency_stop.set_service"),
+    ("emergency_stop.clear_service", QT_TR_NOOP("Emergency stop"), "emergency_stop.clear_service"),
+    ("speech.service", QT_TR_NOOP("Speech"), "speech.service.name"),
+    ("speech.service.stop", QT_TR_NOOP("Speech: stop"), "speech.service.stop"),
+)
+_ACTIONS = (
+    ("navigation", QT_TR_NOOP("Navigation"), "navigation.name"),
+    ("speech.action", QT_TR_NOOP("Speech"), "speech.action.name"),
+)
+
+
 def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
     """Every topic named in the profile, with its expected types."""
-    bare = profile.velocity.type
-    yield NamedTopic(
-        "velocity", QT_TR_NOOP("Driving"), profile.velocity.topic, (f"geometry_msgs/{bare}",), published=False
-    )
-    streams: tuple[tuple[str, str, TopicSource | None, str, float | None, bool], ...] = (
-        ("scan", QT_TR_NOOP("LIDAR"), profile.scan, "sensor_msgs/LaserScan", 5.0, True),
-        ("odometry", QT_TR_NOOP("Odometry"), profile.odometry, "nav_msgs/Odometry", 5.0, True),
-        ("pose", QT_TR_NOOP("Pose"), profile.pose, "geometry_msgs/PoseWithCovarianceStamped", None, profile.tf is None),
-        ("tf", QT_TR_NOOP("Transforms"), profile.tf, "tf2_msgs/TFMessage", 5.0, False),
-        ("tf_static", QT_TR_NOOP("Static transforms"), profile.tf_static, "tf2_msgs/TFMessage", None, False),
-        ("map", QT_TR_NOOP("Map"), profile.map, "nav_msgs/OccupancyGrid", None, True),
-        ("map_updates", QT_TR_NOOP("Map updates"), profile.map_updates, "map_msgs/OccupancyGridUpdate", None, False),
-        ("path", QT_TR_NOOP("Path"), profile.path, "nav_msgs/Path", None, False),
-        ("battery", QT_TR_NOOP("Battery"), profile.battery, "sensor_msgs/BatteryState", 0.1, True),
-    )
-    for key, label, source, kind, expected_hz, needed in streams:
-        if source is not None:
-            # the type's name in tf's first version
-            kinds = (kind, "tf/tfMessage") if key == "tf" else (kind,)
-            yield NamedTopic(key, label, source.topic, kinds, expected_hz=expected_hz, needed=needed)
+    yield from _topics_of(profile, _FIRST_TOPICS)
     for index, camera in enumerate(profile.cameras):
         label = localized(QT_TR_NOOP("Camera {name}"), name=camera.name)
-        yield NamedTopic(
-            f"cameras.{index}", label, camera.topic, (f"sensor_msgs/{camera.type}",), expected_hz=_LEAST_PICTURES_HZ
-        )
+        kinds = (f"sensor_msgs/{camera.type}",)
+        yield NamedTopic(f"cameras.{index}", label, camera.topic, kinds, expected_hz=_LEAST_PICTURES_HZ)
         if camera.info is not None:
             lens = localized(QT_TR_NOOP("Camera {name}: calibration"), name=camera.name)
             yield NamedTopic(f"cameras.{index}.info", lens, camera.info, ("sensor_msgs/CameraInfo",), needed=False)
-    if profile.initial_pose is not None:
-        kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
-        yield NamedTopic(
-            "initial_pose", QT_TR_NOOP("Initial pose"), profile.initial_pose, kinds, published=False, needed=False
-        )
-    yield from _voice_and_stop(profile)
-    yield from _sound(profile)
-    head = profile.head
-    if head is not None:
-        kind = "trajectory_msgs/JointTrajectory"
-        if head.kind == "joint_angles":
-            kind = "naoqi_bridge_msgs/JointAnglesWithSpeed"
-        yield NamedTopic("head", QT_TR_NOOP("Head"), head.topic, (kind,), published=False)
-        yield NamedTopic(
-            "head.joint_states", QT_TR_NOOP("Joints"), head.joint_states, ("sensor_msgs/JointState",), expected_hz=2.0
-        )
+    yield from _topics_of(profile, _FURTHER_TOPICS)
     for control in profile.controls:
-        key, label = f"controls.{control.id}", _label_of(control)
+        key, title = f"controls.{control.id}", _label_of(control)
         if isinstance(control.effect, PublishMessage):
-            yield NamedTopic(key, label, control.effect.topic, (control.effect.type,), published=False)
+            yield NamedTopic(key, title, control.effect.topic, (control.effect.type,), published=False)
         if control.reading is not None:
-            yield NamedTopic(f"{key}.shows", label, control.reading.topic, (control.reading.type,))
+            yield NamedTopic(f"{key}.shows", title, control.reading.topic, (control.reading.type,))
 
 
-def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
-    speech, stop = profile.speech, profile.emergency_stop
-    if speech is not None and speech.topic is not None:
-        yield NamedTopic("speech", QT_TR_NOOP("Speech"), speech.topic, ("std_msgs/String",), published=False)
-    if speech is not None and speech.speaking is not None:
-        yield NamedTopic("speech.speaking", QT_TR_NOOP("Speech: speaking"), speech.speaking, ("std_msgs/Bool",))
-    if speech is not None and speech.stop is not None:
-        yield NamedTopic("speech.stop", QT_TR_NOOP("Speech: stop"), speech.stop, ("std_msgs/Empty",), published=False)
-    if speech is not None and speech.says is not None:
-        yield NamedTopic("speech.says", QT_TR_NOOP("Speech: spoken text"), speech.says, ("std_msgs/String",))
-    if stop is not None and stop.topic is not None:
-        yield NamedTopic("emergency_stop.topic", QT_TR_NOOP("Emergency stop"), stop.topic, ("std_msgs/Bool",))
-    if stop is not None and stop.command_topic is not None:
-        kinds = ("std_msgs/Bool",)
-        yield NamedTopic(
-            "emergency_stop.command_topic", QT_TR_NOOP("Emergency stop"), stop.command_topic, kinds, published=False
-        )
+def _topics_of(profile: RobotProfile, rows: Iterable[NamedTopic]) -> Iterator[NamedTopic]:
+    for row in rows:
+        name = _at(profile, row.topic)
+        if name is not None:
+            needed = row.needed and (row.field != "pose" or profile.tf is None)
+            yield replace(row, topic=name, types=tuple(kind.format(profile) for kind in row.types), needed=needed)
 
 
-def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
-    audio = profile.audio
-    if audio is None:
-        return
-    if audio.topic is not None:
-        yield NamedTopic("audio", QT_TR_NOOP("Microphone"), audio.topic, (f"audio_common_msgs/{audio.type}",))
-    if audio.info is not None:
-        yield NamedTopic(
-            "audio.info", QT_TR_NOOP("Microphone: format"), audio.info, ("audio_common_msgs/AudioInfo",), needed=False
-        )
-    if audio.speaker is not None:
-        yield NamedTopic(
-            "audio.speaker", QT_TR_NOOP("Loudspeaker"), audio.speaker, ("audio_common_msgs/AudioData",), published=False
-        )
+def _at(profile: RobotProfile, place: str) -> str | None:
+    value: Any = profile
+    for name in place.split("."):
+        value = getattr(value, name, None)
+    return cast("str | None", value)
 
 
 def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
     """(field, label, name) of every service in the profile, except for maps."""
-    stop = profile.emergency_stop
-    if stop is not None:
-        for key in ("service", "set_service", "clear_service"):
-            service = getattr(stop, key)
-            if service is not None:
-                yield f"emergency_stop.{key}", QT_TR_NOOP("Emergency stop"), service
-    if profile.speech is not None and profile.speech.service is not None:
-        yield "speech.service", QT_TR_NOOP("Speech"), profile.speech.service.name
-        if profile.speech.service.stop is not None:
-            yield "speech.service.stop", QT_TR_NOOP("Speech: stop"), profile.speech.service.stop
+    yield from _names_of(profile, _SERVICES)
     for control in profile.controls:
         if isinstance(control.effect, CallService):
             yield f"controls.{control.id}", _label_of(control), control.effect.service
@@ -328,23 +327,21 @@ def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
 
 def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
     """(field, label, name) of every action in the profile."""
-    if profile.navigation is not None:
-        yield "navigation", QT_TR_NOOP("Navigation"), profile.navigation.name
-    if profile.speech is not None and profile.speech.action is not None:
-        yield "speech.action", QT_TR_NOOP("Speech"), profile.speech.action.name
+    yield from _names_of(profile, _ACTIONS)
     for control in profile.controls:
         if isinstance(control.effect, SendActionGoal):
             yield f"controls.{control.id}", _label_of(control), control.effect.action
 
 
+def _names_of(profile: RobotProfile, rows: Iterable[tuple[str, str, str]]) -> Iterator[tuple[str, str, str]]:
+    for field, label, place in rows:
+        name = _at(profile, place)
+        if name is not None:
+            yield field, label, name
+
+
 def _label_of(control: RobotControl) -> str:
     return localized(QT_TR_NOOP("Control {title}"), title=control.title)
-
-
-def in_dialect(dialect: Dialect, kind: str) -> str:
-    """Message type as spelled in this ROS version."""
-    package, _, name = kind.partition("/")
-    return type_name(dialect, package, name.removeprefix("msg/"))
 
 
 def _texts(value: Any) -> list[str]:
@@ -357,7 +354,7 @@ def absolute_name(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
-class LinkProbe:
+class LinkProbe(LinkObserver):
     """Awaits one connection: two empty texts, or problem and advice."""
 
     def __init__(self) -> None:
@@ -374,17 +371,21 @@ class LinkProbe:
         self.broke_off = True
         self._settle(f"The connection was lost immediately: {reason}.", "")
 
-    def link_silent(self) -> None: ...
-
-    def link_recovered(self) -> None: ...
-
-    def link_round_trip(self, round_trip_s: float) -> None: ...
-
-    def link_refused(self, detail: str) -> None: ...
-
     def _settle(self, what: str, advice: str) -> None:
         if not self.outcome.done():
             self.outcome.set_result((what, advice))
+
+
+@contextlib.asynccontextmanager
+async def probed(address: str, **options: Any) -> AsyncIterator[tuple[RosbridgeClient, LinkProbe]]:
+    """Connection of its own, not yet established, and its probe. ``options`` are those of :class:`RosbridgeClient`."""
+    probe = LinkProbe()
+    ros = RosbridgeClient(address, probe, **options)
+    ros.connect()
+    try:
+        yield ros, probe
+    finally:
+        await ros.aclose(_GOODBYE_S)
 
 
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
@@ -392,14 +393,16 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
 
     Without rosapi, continuous streams are checked by listening.
     """
-    probe = LinkProbe()
-    ros = RosbridgeClient(address, probe, service_timeout_s=timeout_s, security=profile.security)
-    ros.connect()
-    try:
-        async with asyncio.timeout(timeout_s + start_s(address)):
-            what, advice = await probe.outcome
-            if what:
-                return [f"{what} {advice}".strip()]
+    async with probed(
+        address, service_timeout_s=timeout_s, security=profile.security, dialect=Dialect(profile.ros)
+    ) as (ros, probe):
+        try:
+            async with asyncio.timeout(timeout_s + start_s(address)):
+                what, advice = await probe.outcome
+                if what:
+                    return [f"{what} {advice}".strip()]
+        except TimeoutError:
+            return [f"No response from {without_credentials(address)} within {timeout_s:g} s."]
         try:
             async with asyncio.timeout(timeout_s):
                 return missing_from(profile, await list_inventory(ros))
@@ -410,10 +413,6 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
                     f"Other missing parts are unknown: {rosapi_reply(error)} Start rosapi in addition to rosbridge."
                 )
             return silent
-    except TimeoutError:
-        return [f"No response from {without_credentials(address)} within {timeout_s:g} s."]
-    finally:
-        await ros.aclose(_GOODBYE_S)
 
 
 async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[str]:
@@ -429,7 +428,7 @@ async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[s
             all_received.set()
 
     for named in streams:
-        topic = RosbridgeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
+        topic = RosbridgeTopic(ros, named.topic, named.types[0])
         topic.subscribe(lambda _message, name=named.topic: on_message(name))
     if silent:
         with contextlib.suppress(TimeoutError):
@@ -447,20 +446,16 @@ async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) ->
     """Advice on a ROS 2 rosbridge that executes goals and calls sequentially; else empty."""
     if profile.ros != Dialect.ROS2.value or plugin_address(address):
         return ""
-    probe = LinkProbe()
-    ros = RosbridgeClient(address, probe, security=profile.security)
-    ros.connect()
-    try:
-        async with asyncio.timeout(timeout_s):
-            await probe.outcome
-            request = {"names": list(_QUEUE_PARAMETERS)}
-            answer = await ros.ask(_GET_PARAMETERS, "rcl_interfaces/srv/GetParameters", request)
-    except (TimeoutError, ServiceCallError) as error:
-        # Renamed node, or another server.
-        logger.info("Whether rosbridge has one queue is not known: %s", error)
-        return ""
-    finally:
-        await ros.aclose(_GOODBYE_S)
+    async with probed(address, security=profile.security) as (ros, probe):
+        try:
+            async with asyncio.timeout(timeout_s):
+                await probe.outcome
+                request = {"names": list(_QUEUE_PARAMETERS)}
+                answer = await ros.ask(_GET_PARAMETERS, "rcl_interfaces/srv/GetParameters", request)
+        except (TimeoutError, ServiceCallError) as error:
+            # Renamed node, or another server.
+            logger.info("Whether rosbridge has one queue is not known: %s", error)
+            return ""
     values = answer.get("values")
     off = [
         name

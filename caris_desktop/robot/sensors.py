@@ -14,21 +14,18 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose, lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import LinkReporter
+from caris_desktop.robot.link_context import LinkContext
 from caris_desktop.robot.localization import PoseTracker
-from caris_desktop.robot.profile import RobotProfile, TopicSource
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.robot.profile_model import TopicSource
 from caris_desktop.ros.message_conversion import (
     decode_battery_state,
+    decode_clock,
     decode_laser_scan,
     decode_odometry,
+    decode_path,
     decode_pose_with_covariance_stamped,
     decode_tf_message,
 )
-from caris_desktop.ros.navigation_messages import decode_clock, decode_path
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +37,7 @@ CLOCK = TopicSource("/clock", throttle_ms=100)
 
 
 class Sensors:
-    """Subscribes to the profile's topics and passes domain values to ``put``.
+    """Subscribes to the profile's topics and sends domain values.
 
     ``on_scan``, ``on_odometry`` and ``on_pose`` are also called with each LaserScan, Odometry and RobotPose;
     for a scan with its transmission time in seconds, as far as known.
@@ -48,28 +45,20 @@ class Sensors:
 
     def __init__(
         self,
-        ros: RosbridgeClient,
-        profile: RobotProfile,
-        report: LinkReporter,
-        measurement: LinkMeasurement,
-        watched: SubscriptionWatchdog,
+        link: LinkContext,
         *,
-        put: Callable[[Any], None],
         on_scan: Callable[[LaserScan, float], None],
         on_odometry: Callable[[Odometry], None],
         on_pose: Callable[[RobotPose], None],
     ) -> None:
-        self._ros = ros
-        self._profile = profile
-        self._dialect = Dialect(profile.ros)
-        self._report = report
-        self._measurement = measurement
-        self._put = put
+        self._ros, self._profile = link.ros, link.profile
+        self._report = link.report
+        self._measurement = link.measurement
+        self._put = link.put
         self._scan_taken = on_scan
         self._odometry_taken = on_odometry
         self._pose_taken = on_pose
-        self._watched = watched
-        self._poses = PoseTracker(profile.frames)
+        self._poses = PoseTracker(link.profile.frames)
         self._transforms_since_ns: int | None = None
         self._scans_since_ns: int | None = None
         self._reported_frames: set[str] = set()
@@ -78,7 +67,18 @@ class Sensors:
         self._odometry: Odometry | None = None
         self._reported_transforms: set[str] = set()
         self.pose_in_map: Pose2D | None = None
-        self._subscribe()
+        profile, listen = link.profile, link.listen
+        listen(profile.scan, "sensor_msgs/LaserScan", self._on_scan)
+        listen(profile.odometry, "nav_msgs/Odometry", self._on_odometry)
+        listen(profile.pose, "geometry_msgs/PoseWithCovarianceStamped", self._on_pose)
+        listen(profile.tf_static, "tf2_msgs/TFMessage", lambda m: self._on_transforms(m, static=True), queue_length=20)
+        # Several nodes publish transforms here: none may replace another.
+        listen(profile.tf, "tf2_msgs/TFMessage", self._on_transforms, queue_length=20)
+        # It is normally silent, and resubscribing would lose messages.
+        listen(profile.path, "nav_msgs/Path", self._on_path, watched=False)
+        listen(profile.battery, "sensor_msgs/BatteryState", self._on_battery)
+        if profile.simulation_time:
+            listen(CLOCK, "rosgraph_msgs/Clock", lambda m: self._measurement.add_simulation_time(decode_clock(m)))
 
     def link_lost(self) -> None:
         """Reset the localization."""
@@ -94,49 +94,6 @@ class Sensors:
         """Clear the path after the end of a goal."""
         if self._profile.path is not None:
             self._put(PlannedPath(now_ns(), None, np.empty((0, 2), np.float32)))
-
-    def _subscribe(self) -> None:
-        profile = self._profile
-        self._listen(profile.scan, "sensor_msgs", "LaserScan", self._on_scan)
-        self._listen(profile.odometry, "nav_msgs", "Odometry", self._on_odometry)
-        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_pose)
-        self._listen(
-            profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._on_transforms(m, static=True), every=True
-        )
-        # Several nodes publish transforms here: none may replace another.
-        self._listen(profile.tf, "tf2_msgs", "TFMessage", self._on_transforms, every=True)
-        self._listen(profile.path, "nav_msgs", "Path", self._on_path, watched=False)
-        self._listen(profile.battery, "sensor_msgs", "BatteryState", self._on_battery)
-        if profile.simulation_time:
-            self._listen(
-                CLOCK, "rosgraph_msgs", "Clock", lambda m: self._measurement.add_simulation_time(decode_clock(m))
-            )
-
-    def _listen(
-        self,
-        source: TopicSource | None,
-        package: str,
-        message: str,
-        take: Callable[[Any], None],
-        *,
-        every: bool = False,
-        watched: bool = True,
-    ) -> None:
-        """Subscribe. ``watched`` False: it is normally silent, and resubscribing would lose messages."""
-        if source is None:
-            return
-        topic = RosbridgeTopic(
-            self._ros,
-            source.topic,
-            type_name(self._dialect, package, message),
-            throttle_rate=source.throttle_ms,
-            queue_length=20 if every else 1,
-            every_message=every,
-        )
-        if watched or source.latched:
-            self._watched.subscribe(topic, take)
-        else:
-            topic.subscribe(take)
 
     def _on_scan(self, message: Any) -> None:
         scan = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns)

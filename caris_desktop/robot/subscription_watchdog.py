@@ -56,9 +56,8 @@ class SubscriptionWatchdog:
     new subscription.
     """
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, report: Callable[[Problem], None]) -> None:
+    def __init__(self, ros: RosbridgeClient, *, report: Callable[[Problem], None]) -> None:
         self._ros = ros
-        self._dialect = dialect
         self._report = report
         # Several listeners of one topic have separate subscriptions.
         self._known: list[_Listener] = []
@@ -115,17 +114,16 @@ class SubscriptionWatchdog:
 
     async def _is_published(self, topic: str) -> bool:
         try:
-            answer = await self._ros.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic})
+            return bool(await self._ros.nodes("publishers", topic))
         except ServiceCallError as error:
             logger.debug("Who publishes %s is not known: %s", topic, error)
             return False
-        return bool(answer.get("publishers"))
 
     def _change_subscription(self, listener: _Listener) -> None:
         if listener.encoding == "back":
             return  # that is decided soon
         # In ROS 2 the quality of service is the likelier reason: it comes first.
-        other = self._dialect is Dialect.ROS1 or listener.resubscriptions % 2 == 1
+        other = self._ros.dialect is Dialect.ROS1 or listener.resubscriptions % 2 == 1
         listener.resubscriptions += 1
         if other and listener.encoding != "settled":
             listener.encoding = "other" if listener.encoding == "usual" else "usual"
@@ -137,7 +135,7 @@ class SubscriptionWatchdog:
         name = listener.topic.name
         # In ROS 2 only a new subscription has a new quality of service; ROS 1 changes one without a gap.
         encoding = self._ros.factory.resubscribe(
-            name, other_encoding=other_encoding, leave_first=self._dialect is Dialect.ROS2
+            name, other_encoding=other_encoding, leave_first=self._ros.dialect is Dialect.ROS2
         )
         logger.info("Subscribing anew to %s, encoding %s", name, encoding)
         return str(encoding)

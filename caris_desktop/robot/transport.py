@@ -49,7 +49,7 @@ import ssl
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Literal
 
 import roslibpy
 from roslibpy.core import GoalStatus
@@ -72,9 +72,10 @@ from caris_desktop.robot.bridge_socket import (
     WaitingOperation,
 )
 from caris_desktop.robot.bridge_wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
-from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.profile_model import SecuritySettings
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.ros.definitions import cbor_carries
+from caris_desktop.ros.dialect import Dialect, package_and_name, type_name
 from caris_desktop.ros.message_fields import MessageError
 
 logger = logging.getLogger(__name__)
@@ -112,8 +113,8 @@ CONTROL_SIZES = SizeLimits(message_bytes=4 * 2**20, frame_bytes=64 * 2**20)
 MEDIA_SIZES = SizeLimits(message_bytes=64 * 2**20, frame_bytes=256 * 2**20)
 
 
-class LinkObserver(Protocol):
-    """Receiver of connection events. All calls come on the loop."""
+class LinkObserver:
+    """Receiver of connection events, of which it overrides what it needs. All calls come on the loop."""
 
     def link_connected(self) -> None:
         """Connected, and all subscriptions and advertisements are re-established."""
@@ -827,10 +828,13 @@ class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no ty
         service_timeout_s: float = 3.0,
         security: SecuritySettings | None = None,
         traffic: TrafficMeter | None = None,
+        dialect: Dialect | None = None,
     ) -> None:
+        """``dialect`` is that of the robot, None if it is not known yet: then types are spelled as given."""
         # Not Ros's constructor, which would choose a stock transport.
         self._id_counter = 0
         self.is_connecting = False
+        self._dialect = dialect
         self.factory = RosbridgeFactory(
             address,
             observer,
@@ -840,6 +844,14 @@ class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no ty
             security=security or SecuritySettings(),
             traffic=traffic or TrafficMeter(""),
         )
+
+    @property
+    def dialect(self) -> Dialect:
+        return self._dialect or Dialect.ROS1
+
+    def spelled(self, type_: str) -> str:
+        """Message type as the robot spells it, from either dialect."""
+        return type_ if self._dialect is None else type_name(self._dialect, *package_and_name(type_))
 
     def connect(self) -> None:
         """Connect, and reconnect until :meth:`close`."""
@@ -931,6 +943,11 @@ class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no ty
         self.call_async_service(operation, succeed, fail, timeout_s)
         return answer
 
+    async def nodes(self, kind: Literal["publishers", "subscribers"], topic: str) -> list[str]:
+        """Nodes at a topic, as rosapi reports them. Raises ServiceCallError."""
+        names = (await self.ask(f"/rosapi/{kind}", f"rosapi/{kind.capitalize()}", {"topic": topic})).get(kind)
+        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
     @property
     def arrival_ns(self) -> int:
         """Session time at which the message being handled arrived."""
@@ -947,7 +964,8 @@ class RosbridgeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no t
     """Topic independent of other Topics of its name.
 
     ``every_message`` delivers each message where they do not replace one another (results, transforms). ``compression``
-    None requests CBOR if rosbridge supports it for the type. ``motion`` puts it on the motion websocket.
+    None requests CBOR if rosbridge supports it for the type. ``motion`` puts it on the motion websocket. The type may
+    be spelled as in either dialect.
     """
 
     SUPPORTED_COMPRESSION_TYPES = ("none", "cbor")
@@ -971,7 +989,7 @@ class RosbridgeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no t
         super().__init__(
             ros,
             name,
-            message_type,
+            ros.spelled(message_type),
             compression=compression or ("cbor" if cbor_carries(message_type) else "none"),
             latch=latch,
             throttle_rate=throttle_rate,

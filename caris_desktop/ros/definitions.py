@@ -1,20 +1,17 @@
-"""Field definitions of ROS messages: parsing, and the types used by robots and commands."""
+"""Field definitions of ROS messages: parsing, checks of outgoing messages, and types of robots and commands."""
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import plain_name
 
 INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    "int8": (-(2**7), 2**7 - 1),
-    "uint8": (0, 2**8 - 1),
-    "int16": (-(2**15), 2**15 - 1),
-    "uint16": (0, 2**16 - 1),
-    "int32": (-(2**31), 2**31 - 1),
-    "uint32": (0, 2**32 - 1),
-    "int64": (-(2**63), 2**63 - 1),
-    "uint64": (0, 2**64 - 1),
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
     # byte is signed in ROS 1 and unsigned in ROS 2, char in one of them vice versa; both are accepted.
     "byte": (-(2**7), 2**8 - 1),
     "char": (-(2**7), 2**8 - 1),
@@ -24,6 +21,18 @@ FLOATS = frozenset({"float32", "float64", "float", "double"})
 TRUTHS = frozenset({"bool", "boolean"})
 TEXTS = frozenset({"string", "wstring"})
 TIMES = frozenset({"time", "duration", "builtin_interfaces/Time", "builtin_interfaces/Duration"})
+
+
+LARGEST_FLOAT32 = 3.4028235e38
+LONGEST_TEXT = 20_000
+LONGEST_LIST = 10_000
+_MOST_TYPEDEFS = 500
+_MOST_FIELDS = 1_000
+_DEEPEST = 20
+
+
+class MessageMismatchError(ValueError):
+    """Message that does not fit its type; the text names the field, its value and the requirement."""
 
 
 class FieldType(Value):
@@ -85,6 +94,187 @@ def parse_fields(text: str) -> tuple[FieldType, ...]:
         base, bracket, length = kind.partition("[")
         fields.append(FieldType(name, base, int(length.rstrip("]") or 0) if bracket else None))
     return tuple(fields)
+
+
+def definition_from_rosapi(typedefs: Any) -> Definition:
+    """Definition from rosapi's message_details and similar; the first typedef is the requested type.
+
+    Raises
+    ------
+    ValueError, TypeError
+        When it is not such an answer, or an empty one.
+    """
+    if not isinstance(typedefs, list) or not 0 < len(typedefs) <= _MOST_TYPEDEFS:
+        raise ValueError("rosapi reports no fields")
+    nested: dict[str, tuple[FieldType, ...]] = {}
+    first: tuple[FieldType, ...] | None = None
+    for typedef in typedefs:
+        if not isinstance(typedef, dict) or not isinstance(typedef.get("type"), str):
+            raise TypeError("rosapi's response is not a list of types")
+        names, types, lengths = (typedef.get(key) for key in ("fieldnames", "fieldtypes", "fieldarraylen"))
+        lists = [names, types, lengths]
+        if not all(isinstance(items, list) and len(items) <= _MOST_FIELDS for items in lists):
+            raise ValueError(localized(QT_TR_NOOP("rosapi does not report the fields of {type}"), type=typedef["type"]))
+        fields = tuple(
+            FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
+            for name, kind, length in zip(*lists, strict=True)
+        )
+        nested[plain_name(typedef["type"])] = fields
+        first = fields if first is None else first
+    return Definition(first or (), nested)
+
+
+def coerce_to_definition(
+    message: Mapping[str, Any], definition: Definition | None, *, rounds: bool = False
+) -> dict[str, Any]:
+    """``message`` in a form that can be sent, with integers where required. Fields may be omitted.
+
+    ``definition`` None checks only that it can be encoded. ``rounds`` rounds to integers instead of refusing.
+
+    Raises
+    ------
+    MessageMismatchError
+        For an unknown field, a value of the wrong kind and one out of range.
+    """
+    if definition is None:
+        _check_plain(message, "", 0)
+        return dict(message)
+    return _message(message, definition.fields, definition, "", rounds)
+
+
+def _mismatch(template: str, where: str, **values: Any) -> MessageMismatchError:
+    field = localized(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else QT_TR_NOOP("the message")
+    return MessageMismatchError(localized(template, where=field, **values))
+
+
+def _message(
+    value: Any, fields: tuple[FieldType, ...], definition: Definition, where: str, rounds: bool
+) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        template = QT_TR_NOOP("{where} must be a group of fields, but it is {value}")
+        raise _mismatch(template, where, value=_described(value))
+    if where.count(".") > _DEEPEST:
+        raise _mismatch(QT_TR_NOOP("{where} is nested too deeply"), where)
+    by_name = {field.name: field for field in fields}
+    sent = {}
+    for name, item in value.items():
+        field = by_name.get(name)
+        inside = f"{where}.{name}" if where else str(name)
+        if field is None:
+            allowed = ", ".join(sorted(by_name)[:12]) or QT_TR_NOOP("none")
+            template = QT_TR_NOOP("unknown field {field}; known fields: {known}")
+            raise MessageMismatchError(localized(template, field=repr(inside), known=allowed))
+        sent[name] = _field(item, field, definition, inside, rounds)
+    return sent
+
+
+def _field(value: Any, field: FieldType, definition: Definition, where: str, rounds: bool) -> Any:
+    if field.length is None:
+        return _single(value, field.type, definition, where, rounds)
+    if field.type in ("uint8", "char", "byte", "octet") and isinstance(value, (str, bytes)):
+        return value
+    if not isinstance(value, (list, tuple)):
+        raise _mismatch(QT_TR_NOOP("{where} must be a list, but it is {value}"), where, value=_described(value))
+    if field.length and len(value) != field.length:
+        template = QT_TR_NOOP("{where} must have {length} entries, but it has {number}")
+        raise _mismatch(template, where, length=field.length, number=len(value))
+    if len(value) > LONGEST_LIST:
+        raise _mismatch(QT_TR_NOOP("{where} has {number} entries, which is too many"), where, number=len(value))
+    return [_single(item, field.type, definition, f"{where}[{index}]", rounds) for index, item in enumerate(value)]
+
+
+def _single(value: Any, type_: str, definition: Definition, where: str, rounds: bool) -> Any:
+    plain = plain_name(type_)
+    base = plain.partition("<")[0]
+    if base in INTEGER_RANGES:
+        return _whole_number(value, INTEGER_RANGES[base], where, rounds)
+    if base in FLOATS:
+        return _number(value, base, where)
+    if base in TRUTHS:
+        if not isinstance(value, bool):
+            template = QT_TR_NOOP("{where} must be true or false, but it is {value}")
+            raise _mismatch(template, where, value=_described(value))
+        return value
+    if base in TEXTS:
+        if not isinstance(value, str):
+            raise _mismatch(QT_TR_NOOP("{where} must be text, but it is {value}"), where, value=_described(value))
+        if len(value) > LONGEST_TEXT:
+            raise _mismatch(QT_TR_NOOP("{where} is longer than {most} characters"), where, most=LONGEST_TEXT)
+        return value
+    if plain in TIMES:
+        return _time(value, where)
+    fields = definition.nested.get(plain) or definition.nested.get("std_msgs/Header" if plain == "Header" else plain)
+    if fields is None:
+        # Unknown nested type: the robot will refuse it if invalid.
+        _check_plain(value, where, 0)
+        return value
+    return _message(value, fields, definition, where, rounds)
+
+
+def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool) -> int:
+    lowest, highest = range_
+    if isinstance(value, float) and math.isfinite(value) and (rounds or value.is_integer()):
+        value = round(value)
+    if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
+        template = QT_TR_NOOP("{where} must be a whole number from {lowest} to {highest}, but it is {value}")
+        raise _mismatch(template, where, lowest=lowest, highest=highest, value=_described(value))
+    return value
+
+
+def _number(value: Any, type_: str, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise _mismatch(QT_TR_NOOP("{where} must be a number, but it is {value}"), where, value=_described(value))
+    try:
+        number = float(value)
+    except OverflowError as error:
+        raise _mismatch(QT_TR_NOOP("{where} is too large"), where) from error
+    if not math.isfinite(number) or (type_ in ("float32", "float") and abs(number) > LARGEST_FLOAT32):
+        template = QT_TR_NOOP("{where} must be a finite number, but it is {value}")
+        raise _mismatch(template, where, value=_described(value))
+    return number
+
+
+def _time(value: Any, where: str) -> Any:
+    names = ({"secs", "nsecs"}, {"sec", "nanosec"})
+    parts = value if isinstance(value, Mapping) else {}
+    integers = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
+    # ROS 1's rosbridge replaces this word by the robot's time.
+    if value != "now" and not (parts and integers and any(set(parts) <= allowed for allowed in names)):
+        raise _mismatch(QT_TR_NOOP("{where} must be a time in whole seconds and nanoseconds"), where)
+    return value
+
+
+def _check_plain(value: Any, where: str, depth: int) -> None:
+    """Check that the value can be encoded as JSON."""
+    if depth > _DEEPEST:
+        raise _mismatch(QT_TR_NOOP("{where} is nested too deeply"), where)
+    if isinstance(value, Mapping):
+        for item in value.values():
+            _check_plain(item, where, depth + 1)
+    elif isinstance(value, (list, tuple)):
+        if len(value) > LONGEST_LIST:
+            template = QT_TR_NOOP("{where} has a list of {number} entries, which is too many")
+            raise _mismatch(template, where, number=len(value))
+        for item in value:
+            _check_plain(item, where, depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise _mismatch(QT_TR_NOOP("{where} has a number that is not finite"), where)
+    elif value is not None and not isinstance(value, (bool, int, float, str)):
+        template = QT_TR_NOOP("{where} has a value that cannot be sent: {value}")
+        raise _mismatch(template, where, value=_described(value))
+
+
+def _described(value: Any) -> str:
+    if value is None:
+        return QT_TR_NOOP("nothing")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return localized(QT_TR_NOOP("the text {said}"), said=repr(value[:40]))
+    if isinstance(value, (int, float)):
+        return str(value)[:40]
+    a_list = isinstance(value, (list, tuple))
+    return QT_TR_NOOP("a list") if a_list else QT_TR_NOOP("a group of fields")
 
 
 DEFINITION_TEXTS = {

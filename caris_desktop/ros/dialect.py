@@ -39,6 +39,12 @@ def plain_name(type_: str) -> str:
     return "/".join(part for part in type_.split("/") if part not in _KINDS_IN_TYPE_NAMES)
 
 
+def package_and_name(type_: str) -> tuple[str, str]:
+    """Package and name of a message or service type, from either dialect."""
+    package, _, name = plain_name(type_).partition("/")
+    return package, name
+
+
 def encode_time(dialect: Dialect, time_ns: int) -> dict[str, int]:
     """Encode a ROS time: ``{secs, nsecs}`` or ``{sec, nanosec}``."""
     seconds, nanoseconds = divmod(time_ns, _NS_PER_S)

@@ -6,16 +6,18 @@ decoder's ``stamp_ns`` is the arrival in session time; an encoder's is the ROS s
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ros.dialect import Dialect, encode_time
+from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.message_fields import (
     Message,
     MessageError,
@@ -173,12 +175,21 @@ def decode_odometry(message: Any, *, stamp_ns: int, pose_of: Callable[[Twist2D],
 
 
 def encode_pose_with_covariance_stamped(
-    dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map"
+    dialect: Dialect,
+    pose_in_map: Pose2D,
+    *,
+    spread_m: float = 0.0,
+    spread_rad: float = 0.0,
+    stamp_ns: int,
+    frame_id: str = "map",
 ) -> Message:
-    """Encode geometry_msgs/PoseWithCovarianceStamped."""
+    """Encode geometry_msgs/PoseWithCovarianceStamped with standard deviations of position and heading."""
+    covariance = [0.0] * 36
+    covariance[0] = covariance[7] = spread_m**2
+    covariance[35] = spread_rad**2
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
-        "pose": {"pose": encode_pose(pose_in_map), "covariance": [0.0] * 36},
+        "pose": {"pose": encode_pose(pose_in_map), "covariance": covariance},
     }
 
 
@@ -438,3 +449,451 @@ def decode_reconfigured(answer: Any, names: Sequence[str]) -> dict[str, float]:
         raise MessageError("Reconfigure.config.doubles must be a list")
     parameters = [message_of(double, "DoubleParameter") for double in doubles]
     return {str(one["name"]): number(one, "value", "DoubleParameter") for one in parameters if one.get("name") in names}
+
+
+# Paths, map updates and the simulated clock.
+
+MAX_PATH_POSES = 50_000
+
+
+class Path(Value, eq=False):
+    """nav_msgs/Path: ``points_m`` is float32, shape (poses, 2), in ``frame_id``."""
+
+    frame_id: str
+    robot_stamp_ns: int | None
+    points_m: NDArray[np.float32]
+
+
+class GridUpdate(Value, eq=False):
+    """map_msgs/OccupancyGridUpdate: int8 ``cells``, shape (height, width), for column ``x``, row ``y``."""
+
+    robot_stamp_ns: int | None
+    x: int
+    y: int
+    cells: NDArray[np.int8]
+
+
+def encode_path(dialect: Dialect, points_m: NDArray[np.float32], *, stamp_ns: int, frame_id: str = "map") -> Message:
+    """Encode nav_msgs/Path."""
+    header = encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id)
+    return {
+        "header": header,
+        "poses": [{"header": header, "pose": encode_pose(Pose2D(float(x), float(y), 0.0))} for x, y in points_m],
+    }
+
+
+def decode_path(message: Any, *, most_points: int = MAX_PATH_POSES) -> Path:
+    """Decode nav_msgs/Path without headings.
+
+    Of more than ``most_points`` poses, that many are read at even intervals, including the first and the last.
+    """
+    path = message_of(message, "Path")
+    poses = field(path, "poses", "Path")
+    if not isinstance(poses, list) or len(poses) > MAX_PATH_POSES:
+        raise MessageError(f"Path.poses must be a list of at most {MAX_PATH_POSES} poses")
+    chosen = np.linspace(0, len(poses) - 1, min(len(poses), most_points)).round().astype(int).tolist()
+    points = np.empty((len(chosen), 2), dtype=np.float32)
+    with np.errstate(over="ignore"):
+        for row, index in enumerate(chosen):
+            what = f"Path.poses[{index}]"
+            position = part(part(message_of(poses[index], what), "pose", what), "position", what)
+            points[row] = number(position, "x", what), number(position, "y", what)
+    if not np.isfinite(points).all():
+        raise MessageError("Path has a point that is too far away")
+    return Path(frame_of(path, "Path").lstrip("/"), stamp_of(path, "Path"), points)
+
+
+def encode_occupancy_grid_update(
+    dialect: Dialect, cells: NDArray[np.int8], *, x: int, y: int, stamp_ns: int, frame_id: str = "map"
+) -> Message:
+    """Encode map_msgs/OccupancyGridUpdate of ``cells``, int8, shape (height, width)."""
+    height, width = cells.shape
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
+        "x": x,
+        "y": y,
+        "width": width,
+        "height": height,
+        "data": np.ascontiguousarray(cells, dtype=np.int8).ravel(),
+    }
+
+
+def decode_occupancy_grid_update(message: Any) -> GridUpdate:
+    """Decode map_msgs/OccupancyGridUpdate; the number of cells must be width times height."""
+    what = "OccupancyGridUpdate"
+    update = message_of(message, what)
+    x, y, width, height = (count(update, name, what, most=MAX_MAP_CELLS) for name in ("x", "y", "width", "height"))
+    cells = int8s(update, "data", what, most=MAX_MAP_CELLS)
+    if len(cells) != width * height:
+        raise MessageError(f"{what}.data has {len(cells)} cells, but its size is {width} x {height}")
+    return GridUpdate(stamp_of(update, what), x, y, cells.reshape(height, width))
+
+
+def encode_clock(dialect: Dialect, time_ns: int) -> Message:
+    """Encode rosgraph_msgs/Clock."""
+    return {"clock": encode_time(dialect, time_ns)}
+
+
+def decode_clock(message: Any) -> int:
+    """Nanoseconds of a rosgraph_msgs/Clock."""
+    try:
+        return decode_time(field(message_of(message, "Clock"), "clock", "Clock")) or 0
+    except ValueError as error:
+        if isinstance(error, MessageError):
+            raise
+        raise MessageError(f"Clock.clock: {error}") from error
+
+
+# Joints: states, trajectories and angles with speed.
+
+MAX_JOINTS = 1_000
+_MAX_POINTS = 10_000
+
+
+class JointPositions(Value):
+    """Position of each named joint, in radians or metres."""
+
+    robot_stamp_ns: int | None
+    positions: dict[str, float]
+
+
+def encode_joint_state(dialect: Dialect, positions: Mapping[str, float], *, stamp_ns: int) -> Message:
+    """Encode sensor_msgs/JointState."""
+    return {
+        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=""),
+        "name": list(positions),
+        "position": np.array(list(positions.values()), dtype=np.float64),
+        "velocity": [],
+        "effort": [],
+    }
+
+
+def decode_joint_state(message: Any) -> JointPositions:
+    """Decode sensor_msgs/JointState. Joints without a finite position are omitted."""
+    state = message_of(message, "JointState")
+    names = _names(state, "name", "JointState")
+    positions = floats(state, "position", "JointState", most=MAX_JOINTS) if "position" in state else ()
+    known = {name: float(position) for name, position in zip(names, positions, strict=False) if np.isfinite(position)}
+    return JointPositions(stamp_of(state, "JointState"), known)
+
+
+def encode_joint_trajectory(dialect: Dialect, positions: Mapping[str, float], *, duration_s: float) -> Message:
+    """Encode trajectory_msgs/JointTrajectory with one point, starting at once."""
+    return {
+        "header": encode_header(dialect, stamp_ns=0, frame_id=""),
+        "joint_names": list(positions),
+        "points": [
+            {
+                "positions": list(positions.values()),
+                "velocities": [],
+                "accelerations": [],
+                "effort": [],
+                "time_from_start": encode_time(dialect, int(duration_s * 1e9)),
+            }
+        ],
+    }
+
+
+def decode_joint_trajectory(message: Any) -> tuple[dict[str, float], float]:
+    """Last point of a trajectory_msgs/JointTrajectory, and its time in seconds."""
+    what = "JointTrajectory"
+    trajectory = message_of(message, what)
+    names = _names(trajectory, "joint_names", what)
+    points = objects(trajectory, "points", what, most=_MAX_POINTS)
+    if not points:
+        return {}, 0.0
+    last = f"{what}.points[{len(points) - 1}]"
+    positions = floats(points[-1], "positions", last, most=MAX_JOINTS)
+    if len(positions) != len(names) or not np.isfinite(positions).all():
+        raise MessageError(f"{last}.positions must contain one number for each of the {len(names)} joints")
+    try:
+        duration_ns = decode_time(points[-1].get("time_from_start", encode_time(Dialect.ROS1, 0))) or 0
+    except ValueError as error:
+        raise MessageError(f"{last}.time_from_start: {error}") from error
+    return dict(zip(names, positions.tolist(), strict=True)), duration_ns / 1e9
+
+
+def encode_joint_angles_with_speed(
+    dialect: Dialect, positions: Mapping[str, float], *, speed_fraction: float
+) -> Message:
+    """Encode naoqi_bridge_msgs/JointAnglesWithSpeed; ``speed_fraction`` of the motors' maximum, 0..1."""
+    return {
+        "header": encode_header(dialect, stamp_ns=0, frame_id=""),
+        "joint_names": list(positions),
+        "joint_angles": list(positions.values()),
+        "speed": speed_fraction,
+        "relative": 0,
+    }
+
+
+def decode_joint_angles_with_speed(message: Any) -> tuple[dict[str, float], float]:
+    """Angles and speed fraction of a naoqi_bridge_msgs/JointAnglesWithSpeed."""
+    what = "JointAnglesWithSpeed"
+    angles = message_of(message, what)
+    names = _names(angles, "joint_names", what)
+    positions = floats(angles, "joint_angles", what, most=MAX_JOINTS)
+    if len(positions) != len(names) or not np.isfinite(positions).all():
+        raise MessageError(f"{what}.joint_angles must contain one number for each of the {len(names)} joints")
+    return dict(zip(names, positions.tolist(), strict=True)), number(angles, "speed", what)
+
+
+def _names(message: Message, name: str, what: str) -> list[str]:
+    value = field(message, name, what)
+    if not isinstance(value, list) or len(value) > MAX_JOINTS or not all(isinstance(item, str) for item in value):
+        raise MessageError(f"{what}.{name} must be a list of at most {MAX_JOINTS} names")
+    return value
+
+
+# Map services: slam_toolbox, and Nav2's map server and map saver.
+
+START_AT_FIRST_NODE = 1
+START_AT_GIVEN_POSE = 2
+LOCALIZE_AT_POSE = 3
+"""match_type of slam_toolbox/DeserializePoseGraph."""
+
+_LOADING_FAILED = {
+    1: "the robot has no such map",
+    2: "the map's data cannot be read",
+    3: "the map's description cannot be read",
+    255: "the robot gave no reason",
+}
+_SERIALIZING_FAILED = {1: "the robot has no map yet", 255: "the file cannot be written"}
+
+
+def encode_serialize_map(file_name: str) -> Message:
+    """Request of slam_toolbox/SerializePoseGraph; ``file_name`` is without a suffix."""
+    return {"filename": file_name}
+
+
+def encode_deserialize_map(file_name: str, *, match_type: int, at: Pose2D | None = None) -> Message:
+    """Request of slam_toolbox/DeserializePoseGraph. ``at`` is the robot's pose, for match types that need it."""
+    pose = at or Pose2D(0.0, 0.0, 0.0)
+    return {
+        "filename": file_name,
+        "match_type": match_type,
+        "initial_pose": {"x": pose.x_m, "y": pose.y_m, "theta": pose.heading_rad},
+    }
+
+
+def encode_load_map(map_url: str) -> Message:
+    """Request of nav2_msgs/LoadMap, and of nav_msgs/LoadMap of ROS 1."""
+    return {"map_url": map_url}
+
+
+def encode_save_map(map_url: str, *, map_topic: str) -> Message:
+    """Request of nav2_msgs/SaveMap, with the usual thresholds."""
+    return {
+        "map_topic": map_topic,
+        "map_url": map_url,
+        "image_format": "pgm",
+        "map_mode": "trinary",
+        "free_thresh": 0.25,
+        "occupied_thresh": 0.65,
+    }
+
+
+def serialize_failure(answer: Any) -> str:
+    """Reason of a failed slam_toolbox/SerializePoseGraph; empty on success. Old versions return nothing."""
+    result = message_of(answer, "SerializePoseGraph").get("result", 0)
+    code = count({"result": result}, "result", "SerializePoseGraph", most=255)
+    return "" if code == 0 else _SERIALIZING_FAILED.get(code, f"the robot responded with error {code}")
+
+
+def load_failure(answer: Any) -> str:
+    """Reason of a failed LoadMap; empty on success."""
+    code = count(message_of(answer, "LoadMap"), "result", "LoadMap", most=255)
+    return "" if code == 0 else _LOADING_FAILED.get(code, f"the robot responded with error {code}")
+
+
+def save_failure(answer: Any) -> str:
+    """Reason of a failed nav2_msgs/SaveMap; empty on success."""
+    return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot gave no reason"
+
+
+# Audio (audio_common_msgs), of audio_common in ROS 1 and its ROS 2 branch.
+
+MAX_AUDIO_BYTES = 1_000_000
+MOST_CHANNELS = 16
+LEAST_RATE_HZ, MOST_RATE_HZ = 4_000, 192_000
+
+Coding = Literal["wave", "mp3"]
+
+
+class AudioPacket(Value):
+    """Content of one message: raw samples, or a piece of an mp3 stream."""
+
+    content: bytes
+    robot_stamp_ns: int | None
+
+
+class AudioForm(Value):
+    """Audio format of a topic."""
+
+    coding: Coding
+    rate_hz: int
+    channels: int
+
+
+def decode_audio_data(message: Any) -> AudioPacket:
+    """Decode audio_common_msgs/AudioData, or AudioDataStamped, whose stamp is that of its first sample."""
+    audio = message_of(message, "AudioData")
+    if "audio" in audio:
+        data = part(audio, "audio", "AudioDataStamped")
+        content = blob(data, "data", "AudioDataStamped.audio", most=MAX_AUDIO_BYTES)
+        return AudioPacket(content, stamp_of(audio, "AudioDataStamped"))
+    return AudioPacket(blob(audio, "data", "AudioData", most=MAX_AUDIO_BYTES), None)
+
+
+def encode_audio_data(samples: NDArray[np.int16]) -> Message:
+    """Encode audio_common_msgs/AudioData as wave; ``samples`` has the shape (samples, channels)."""
+    return {"data": np.ascontiguousarray(samples, dtype="<i2").tobytes()}
+
+
+def decode_audio_info(message: Any) -> AudioForm:
+    """Decode audio_common_msgs/AudioInfo."""
+    info = message_of(message, "AudioInfo")
+    coding = text(info, "coding_format", "AudioInfo", most=40).lower()
+    if coding not in ("wave", "mp3"):
+        raise MessageError(f"audio encoded as '{coding}' is not supported; wave and mp3 are")
+    sample_format = text(info, "sample_format", "AudioInfo", most=40)
+    if coding == "wave" and sample_format.upper() != "S16LE":
+        raise MessageError(f"samples in the format '{sample_format}' are not supported; S16LE is")
+    rate_hz = count(info, "sample_rate", "AudioInfo", most=MOST_RATE_HZ)
+    channels = count(info, "channels", "AudioInfo", most=MOST_CHANNELS)
+    if rate_hz < LEAST_RATE_HZ or not channels:
+        raise MessageError(f"audio with {rate_hz} samples per second and {channels} channels")
+    return AudioForm("wave" if coding == "wave" else "mp3", rate_hz, channels)
+
+
+def encode_audio_info(form: AudioForm, *, bitrate: int = 0) -> Message:
+    """Encode audio_common_msgs/AudioInfo."""
+    return {
+        "channels": form.channels,
+        "sample_rate": form.rate_hz,
+        "sample_format": "S16LE",
+        "bitrate": bitrate,
+        "coding_format": form.coding,
+    }
+
+
+def samples_of(content: bytes, channels: int) -> NDArray[np.int16]:
+    """S16LE as int16, shape (samples, channels). Raises MessageError for incomplete samples."""
+    if len(content) % (2 * channels):
+        raise MessageError(f"{len(content)} bytes of audio are not complete samples of {channels} channel(s)")
+    return np.frombuffer(content, "<i2").astype(np.int16).reshape(-1, channels)
+
+
+# Uncompressed images: sensor_msgs/Image in the camera driver's formats.
+
+MOST_PIXELS = 64_000_000
+NEAR_M, FAR_M = 0.3, 6.0
+"""The distances between which a depth picture goes from white to black; nearer is white, and unknown is black."""
+
+# Channels, and OpenCV's name of the conversion to BGR
+_COLOURS = {"bgr": (3, ""), "rgb": (3, "RGB2BGR"), "rgba": (4, "RGBA2BGR"), "bgra": (4, "BGRA2BGR"),
+            "mono": (1, "GRAY2BGR")}  # fmt: skip
+_BITS: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16)}
+# OpenCV names a pattern by its second row.
+_BAYER = {"bayer_rggb": "BayerBG", "bayer_bggr": "BayerRG", "bayer_gbrg": "BayerGR", "bayer_grbg": "BayerGB"}
+# uyvy and yuyv are the names since ROS 2 Iron.
+_YUV = {"yuv422": "UYVY", "uyvy": "UYVY", "yuv422_yuy2": "YUY2", "yuyv": "YUY2"}
+_DEPTHS: dict[str, np.dtype[Any]] = {"16UC1": np.dtype(np.uint16), "32FC1": np.dtype(np.float32)}
+_OF_OPENCV = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8"}
+
+
+class RawImage(Value, eq=False):
+    """``image_bgr`` is uint8, shape (height, width, 3)."""
+
+    image_bgr: NDArray[np.uint8]
+    robot_stamp_ns: int | None
+
+
+class _Layout(Value):
+    """Memory layout: ``channels`` values of ``dtype`` per pixel. ``conversion`` is OpenCV's name of the conversion to
+    BGR, empty for none; ``depth``: a depth image.
+    """
+
+    dtype: np.dtype[Any]
+    channels: int
+    conversion: str
+    depth: bool = False
+
+
+def decode_image(message: Any) -> RawImage:
+    """Decode colours, grey, Bayer and YUV patterns, and depth (16UC1 in millimetres, 32FC1 in metres: REP 118) as grey.
+
+    Raises
+    ------
+    MessageError
+        Also where step and size do not agree with the data: what is torn is not shown.
+    """
+    import cv2
+
+    image = message_of(message, "Image")
+    encoding = text(image, "encoding", "Image")
+    layout = _layout_of(encoding)
+    pixels = _pixels(image, layout)
+    if layout.depth:
+        grey = depth_as_grey(pixels[:, :, 0].astype(np.float32) * (0.001 if layout.dtype.kind == "u" else 1.0))
+        return RawImage(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8), stamp_of(image, "Image"))
+    if layout.dtype.itemsize == 2:
+        pixels = (pixels >> 8).astype(np.uint8)
+    try:
+        if layout.conversion:
+            # Two colours of a YUV pattern require an even width, which OpenCV checks.
+            pixels = cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, f"COLOR_{layout.conversion}"))
+    except cv2.error as error:
+        raise MessageError(f"an image that cannot be converted ({encoding[:20]})") from error
+    return RawImage(np.ascontiguousarray(pixels, np.uint8), stamp_of(image, "Image"))
+
+
+def depth_as_grey(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Grey image of depth: near is bright, far is dark, unknown (0, NaN, infinite) is black."""
+    known = np.isfinite(depth_m) & (depth_m > 0.0)
+    share = (FAR_M - np.where(known, depth_m, FAR_M)) / (FAR_M - NEAR_M)
+    return (np.clip(share, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def republish_advice(raw_topic: str) -> str:
+    """Advice for compressed images from the robot."""
+    return localized(
+        QT_TR_NOOP(
+            "run 'image_transport republish raw compressed' for {raw_topic} on the robot, or install the "
+            "plugin for compressed images there, and use {raw_topic}/compressed in the profile"
+        ),
+        raw_topic=raw_topic,
+    )
+
+
+def _layout_of(encoding: str) -> _Layout:
+    name = _OF_OPENCV.get(encoding, encoding)
+    if name in _DEPTHS:
+        return _Layout(_DEPTHS[name], 1, "", depth=True)
+    if name in _YUV:
+        return _Layout(_BITS["8"], 2, f"YUV2BGR_{_YUV[name]}")
+    colours = name.rstrip("0123456789")
+    dtype = _BITS.get(name.removeprefix(colours))
+    if dtype is not None and colours in _BAYER:
+        return _Layout(dtype, 1, f"{_BAYER[colours]}2BGR")
+    if dtype is not None and colours in _COLOURS:
+        channels, conversion = _COLOURS[colours]
+        return _Layout(dtype, channels, conversion)
+    raise MessageError(f"images encoded as '{encoding[:40]}' are not supported")
+
+
+def _pixels(image: Message, layout: _Layout) -> NDArray[Any]:
+    """Shape (height, width, channels), in native byte order."""
+    width, height = (count(image, name, "Image", most=MAX_IMAGE_SIDE_PX) for name in ("width", "height"))
+    step = count(image, "step", "Image", most=2**31)
+    if not width or not height or width * height > MOST_PIXELS:
+        raise MessageError(f"an image of {width} x {height} pixels")
+    data = np.frombuffer(blob(image, "data", "Image", most=16 * MOST_PIXELS), np.uint8)
+    row_bytes = width * layout.channels * layout.dtype.itemsize
+    if step < row_bytes:
+        raise MessageError(f"rows of {step} bytes, too few for {width} pixels")
+    if len(data) != step * height:
+        raise MessageError(f"{len(data)} bytes for {height} rows of {step}")
+    rows = np.ascontiguousarray(data.reshape(height, step)[:, :row_bytes])
+    values = rows.view(layout.dtype).reshape(height, width, layout.channels)
+    foreign = bool(image.get("is_bigendian")) != (sys.byteorder == "big")
+    return values.byteswap() if foreign and layout.dtype.itemsize > 1 else values

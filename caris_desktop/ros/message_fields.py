@@ -183,6 +183,14 @@ def stamp_of(message: Message, what: str) -> int | None:
         raise MessageError(f"{what}.header.stamp: {error}") from error
 
 
+def stamp_or_none(message: Any) -> int | None:
+    """Robot's stamp in ns of any message; None if it has none, or not a usable one."""
+    try:
+        return stamp_of(message, "") if isinstance(message, dict) else None
+    except MessageError:
+        return None
+
+
 def frame_of(message: Message, what: str) -> str:
     """Frame of reference in the header; empty without one."""
     return text_or_empty(part(message, "header", what), "frame_id", what) if "header" in message else ""

@@ -12,7 +12,7 @@ from caris_desktop.domain.file_migrations import Migration, migrated
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import KeyPath, Problem
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
-from caris_desktop.domain.schema_fields import data_of, value_from
+from caris_desktop.domain.schema_fields import data_of, leaves, value_from
 from caris_desktop.domain.schema_validation import allowed_words, problem_lines, problems, quoted
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
@@ -20,7 +20,7 @@ from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.phrases import Gesture, PhraseEntry, gesture_problems, phrase_groups, phrase_problems
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, protocol_problems
-from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, SCENARIO_VERSION, Scenario, layout_problems
+from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, SCENARIO_VERSION, LayoutNode, Scenario, layout_problems
 
 # Versions and migrations of scenario files.
 
@@ -262,6 +262,10 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
         named.append((("assistant", "models", index), "language_models", model))
     for index, camera in enumerate(data.get("cameras", ())):
         named.append((("cameras", index, "source"), "cameras", camera.get("source", "")))
+    for key in ("layout", "layout_compact", "layout_large"):
+        for path, _form, value in leaves(LayoutNode, data.get(key) or {}, (key,)):
+            if str(value).startswith("plugin:"):
+                named.append((path, "panels", value))
     for path, group, value in named:
         provider, _, name = value.partition(":")
         if provider != "plugin":

@@ -230,14 +230,18 @@ class AssistantSettings(Value):
 SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
 
-PanelName = Literal[
+BuiltInPanel = Literal[
     "video", "map", "drive", "people", "speak", "assistant", "session", "robot", "motion", "diagnostics", "photos",
     "conversation",
     "face", "notes",
 ]  # fmt: skip
-
+PanelName = BuiltInPanel | str
+"""``plugin:NAME`` for the panel of a plug-in."""
 BlurWho = Literal["nobody", "everybody", "without_consent"]
-_Panel = Annotated[PanelName, FieldSpec(noun="panel")]
+_Panel = Annotated[
+    PanelName,
+    FieldSpec(noun="panel", pattern=rf"^plugin:{NAME_PATTERN[1:]}", allowed="plugin:NAME", external="panel"),
+]
 _Label = Annotated[str, FieldSpec(shortest=1, longest=80)]
 _Coordinate = Annotated[float, FieldSpec(unit="metres", at_least=-10_000, at_most=10_000)]
 
@@ -632,7 +636,7 @@ class Scenario(Value):
         default=(),
         title="Unavailable panels",
         section="What is allowed",
-        longest=len(get_args(PanelName)),
+        longest=len(get_args(BuiltInPanel)),
         unique=True,
         quiet=True,
     )
@@ -756,6 +760,21 @@ def layout_data(node: LayoutNode) -> dict[str, Any]:
     """File content of the layout."""
     data: dict[str, Any] = data_of(LayoutNode, node)
     return data
+
+
+def panels_in(node: LayoutNode) -> tuple[PanelName, ...]:
+    if isinstance(node, PanelLeaf):
+        return (node.panel,)
+    if isinstance(node, TabNode):
+        return node.tabs
+    return tuple(panel for child in node.children for panel in panels_in(child))
+
+
+def plugin_panels(scenario: Scenario) -> tuple[PanelName, ...]:
+    """Panels of plug-ins in the layouts of the scenario."""
+    layouts = (scenario.layout, scenario.layout_compact, scenario.layout_large)
+    named = [panel for layout in layouts if layout is not None for panel in panels_in(layout)]
+    return tuple(dict.fromkeys(panel for panel in named if panel.startswith("plugin:")))
 
 
 def layout_text(node: LayoutNode) -> str:

@@ -2,16 +2,37 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
 
 MAX_LATENCY_MS = 10_000.0
-MAX_DROP_S = 600.0
-MAX_CLOCK_OFFSET_S = 1e9
-MAX_CLOCK_DRIFT_PPM = 1e6
-MAX_MALFORMED = 10_000
-MAX_SERVICE_S = 600.0
+_AMOUNTS: dict[str, tuple[str, float, float, float]] = {
+    # field, least, most, and how many of its units are one of the field's
+    "latency": ("latency_s", 0.0, MAX_LATENCY_MS, 1000.0),
+    "throttle_kbps": ("rate_kbps", 1.0, 1e9, 1.0),
+    "sound_dropouts": ("sound_dropouts", 0.0, 1.0, 1.0),
+    "sound_noise": ("sound_noise", 0.0, 1.0, 1.0),
+    "voice_leak": ("voice_leak", 0.0, 4.0, 1.0),
+    "clock_offset": ("clock_offset_s", -1e9, 1e9, 1.0),
+    "clock_drift": ("clock_drift_ppm", -5e5, 1e6, 1.0),
+    "slow_services": ("service_s", 0.0, 600.0, 1.0),
+}
+_SWITCHES = {
+    "freeze_camera": "camera_frozen",
+    "black_camera": "camera_black",
+    "silent_camera": "camera_silent",
+    "silent_lidar": "lidar_silent",
+    "silent_microphone": "microphone_silent",
+    "wrong_frame_ids": "frames_wrong",
+}
+_EFFECTS: dict[str, dict[str, Any]] = {
+    "full_battery": {"battery_fraction": 1.0},
+    "empty_battery": {"battery_fraction": 0.05},
+    "press_stop_button": {"stop_button": True},
+    "release_stop_button": {"stop_button": False},
+}
 
 HELP = (
     "latency:<ms>, throttle_kbps:<kbit/s>, drop_link[:<seconds>], freeze_camera, black_camera, silent_camera, "
@@ -61,46 +82,22 @@ def inject(faults: Faults, command: str) -> Injection:
         When the command is not one of them; the text names what is allowed.
     """
     name, _, argument = command.strip().partition(":")
-    switches = {
-        "freeze_camera": replace(faults, camera_frozen=True),
-        "black_camera": replace(faults, camera_black=True),
-        "silent_camera": replace(faults, camera_silent=True),
-        "silent_lidar": replace(faults, lidar_silent=True),
-        "silent_microphone": replace(faults, microphone_silent=True),
-        "wrong_frame_ids": replace(faults, frames_wrong=True),
-        "clear": Faults(),
-    }
-    if name in switches and not argument:
-        return Injection(switches[name])
-    if name == "latency":
-        latency_ms = _amount(argument, "latency", MAX_LATENCY_MS)
-        return Injection(replace(faults, latency_s=latency_ms / 1000.0))
-    if name == "throttle_kbps":
-        return Injection(replace(faults, rate_kbps=_amount(argument, name, 1e9, least=1.0)))
-    if name == "sound_dropouts":
-        return Injection(replace(faults, sound_dropouts=_amount(argument, name, 1.0)))
-    if name == "sound_noise":
-        return Injection(replace(faults, sound_noise=_amount(argument, name, 1.0)))
-    if name == "voice_leak":
-        return Injection(replace(faults, voice_leak=_amount(argument, name, 4.0)))
-    if name == "clock_offset":
-        offset_s = _amount(argument, name, MAX_CLOCK_OFFSET_S, least=-MAX_CLOCK_OFFSET_S)
-        return Injection(replace(faults, clock_offset_s=offset_s))
-    if name == "clock_drift":
-        drift_ppm = _amount(argument, name, MAX_CLOCK_DRIFT_PPM, least=-MAX_CLOCK_DRIFT_PPM / 2)
-        return Injection(replace(faults, clock_drift_ppm=drift_ppm))
-    if name == "slow_services":
-        return Injection(replace(faults, service_s=_amount(argument, name, MAX_SERVICE_S)))
+    if name in _AMOUNTS:
+        key, least, most, units = _AMOUNTS[name]
+        changed: dict[str, Any] = {key: _amount(argument, name, most, least=least) / units}
+        return Injection(replace(faults, **changed))
     if name == "malformed":
-        return Injection(faults, malformed=int(_amount(argument, name, MAX_MALFORMED)))
+        return Injection(faults, malformed=int(_amount(argument, name, 10_000)))
     if name == "drop_link":
-        return Injection(faults, drop_link_s=_amount(argument or "2", "drop_link", MAX_DROP_S))
+        return Injection(faults, drop_link_s=_amount(argument or "2", name, 600.0))
     if name == "pose":
         return Injection(faults, pose_in_map=_pose(argument))
-    if name in ("full_battery", "empty_battery") and not argument:
-        return Injection(faults, battery_fraction=1.0 if name == "full_battery" else 0.05)
-    if name in ("press_stop_button", "release_stop_button") and not argument:
-        return Injection(faults, stop_button=name == "press_stop_button")
+    if not argument and name in _SWITCHES:
+        return Injection(replace(faults, **{_SWITCHES[name]: True}))
+    if not argument and name in _EFFECTS:
+        return Injection(faults, **_EFFECTS[name])
+    if not argument and name == "clear":
+        return Injection(Faults())
     raise ValueError(f"unknown fault '{command}'; available: {HELP}")
 
 

@@ -1,4 +1,4 @@
-"""Simulated robot: base, LIDAR, navigation, people and map in fixed time steps."""
+"""Simulated robot: base, head, camera view, LIDAR, navigation, people and map in fixed time steps."""
 
 import math
 from collections import deque
@@ -9,17 +9,83 @@ import numpy as np
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
-from caris_desktop.domain.value_class import Value
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.simulator import lidar, simulated_base
-from caris_desktop.simulator.camera_model import MOUNT_HEIGHT_M
 from caris_desktop.simulator.floor_plan import START
 from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
 from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
 from caris_desktop.simulator.simulated_base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
-from caris_desktop.simulator.simulated_head import MOVABLE, Head, HeadModel
 from caris_desktop.simulator.simulated_mapping import Mapper
-from caris_desktop.simulator.simulated_navigation import GoalEnded, GoalFollower
+from caris_desktop.simulator.simulated_navigation import GoalEnded, GoalFollower, in_sight
 from caris_desktop.simulator.simulated_people import Crowd, Seen, Visit
+
+DEFAULT_SPEED_RADPS = 0.8
+
+
+class HeadModel(Value):
+    """Range and speed of a head: pan left positive, tilt down positive, from straight ahead."""
+
+    pan_range_rad: tuple[float, float] = (-1.2, 1.2)
+    tilt_range_rad: tuple[float, float] = (-0.5, 0.7)
+    fastest_radps: float = 1.5
+
+
+MOVABLE = HeadModel()
+
+
+@dataclass(slots=True)
+class Joint:
+    """One motor, which turns towards its newest target."""
+
+    range_rad: tuple[float, float]
+    fastest_radps: float
+    angle_rad: float = 0.0
+    target_rad: float = 0.0
+    speed_radps: float = DEFAULT_SPEED_RADPS
+
+    def turn_to(self, target_rad: float, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
+        """Start turning, within the limits of range and speed."""
+        lowest, highest = self.range_rad
+        self.target_rad = min(max(target_rad, lowest), highest)
+        self.speed_radps = min(max(speed_radps, 0.01), self.fastest_radps)
+
+    def step(self, dt_s: float) -> None:
+        most = self.speed_radps * dt_s
+        self.angle_rad += min(max(self.target_rad - self.angle_rad, -most), most)
+
+
+class Head:
+    """Pan joint (left positive) and tilt joint (down positive); they are independent."""
+
+    def __init__(self, model: HeadModel = MOVABLE) -> None:
+        self.pan = Joint(model.pan_range_rad, model.fastest_radps)
+        self.tilt = Joint(model.tilt_range_rad, model.fastest_radps)
+
+    def step(self, dt_s: float) -> None:
+        """Advance the simulation by ``dt_s``."""
+        self.pan.step(dt_s)
+        self.tilt.step(dt_s)
+
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+FOV_RAD = math.radians(70.0)
+FOCAL_PX = WIDTH_PX / 2.0 / math.tan(FOV_RAD / 2.0)
+MOUNT_HEIGHT_M = 1.1
+RATE_HZ = 15.0
+_FARTHEST_M = 9.0
+
+
+def sees(map_from_camera: Pose2D, x_m: float, y_m: float) -> bool:
+    """True if a person at (x, y) is fully within the image width and not behind a wall."""
+    distance_m = math.hypot(x_m - map_from_camera.x_m, y_m - map_from_camera.y_m)
+    if not 0.5 < distance_m < _FARTHEST_M:
+        return False
+    bearing = math.atan2(y_m - map_from_camera.y_m, x_m - map_from_camera.x_m)
+    margin = math.atan2(0.3, distance_m)
+    if abs(wrap_angle(bearing - map_from_camera.heading_rad)) > FOV_RAD / 2.0 - margin:
+        return False
+    return in_sight((map_from_camera.x_m, map_from_camera.y_m), (x_m, y_m))
+
 
 ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
 _FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # scale errors of the wheel encoders

@@ -1,6 +1,7 @@
 """Simulated robot on ROS: topics and services of its model, and periodic publishing."""
 
 import asyncio
+import itertools
 import logging
 import math
 import time
@@ -16,36 +17,54 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
-from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.joint_messages import decode_joint_angles_with_speed, decode_joint_trajectory, encode_joint_state
-from caris_desktop.ros.message_conversion import Lens
-from caris_desktop.ros.message_fields import MessageError, message_of, number, text, text_or_empty, truth
-from caris_desktop.ros.navigation_messages import encode_clock
+from caris_desktop.ros.message_conversion import (
+    LOCALIZE_AT_POSE,
+    NO_LIMIT,
+    START_AT_GIVEN_POSE,
+    Lens,
+    decode_audio_data,
+    decode_joint_angles_with_speed,
+    decode_joint_trajectory,
+    decode_reconfigured,
+    decode_speed_limit,
+    encode_audio_data,
+    encode_clock,
+    encode_joint_state,
+    encode_occupancy_grid_update,
+    encode_path,
+    encode_reconfigure,
+    samples_of,
+)
+from caris_desktop.ros.message_fields import MessageError, count, message_of, number, part, text, text_or_empty, truth
 from caris_desktop.simulator import faults as fault_commands
 from caris_desktop.simulator import typedefs
-from caris_desktop.simulator.action_servers import ActionlibServer, ActionServer, Ros2ActionServer
-from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
-from caris_desktop.simulator.goal_topics import NavigationTopics
-from caris_desktop.simulator.map_files import MapFiles
-from caris_desktop.simulator.map_topics import MapOnRos
-from caris_desktop.simulator.participant import Participant, cache_folder
-from caris_desktop.simulator.robot_interface import (
+from caris_desktop.simulator.robot_models import (
     AudioTopics,
     BatteryTopic,
+    Navigation,
     SpeechAction,
     SpeechTopics,
     StopService,
     StubCapability,
     VelocityInput,
 )
-from caris_desktop.simulator.ros_context import RosContext
+from caris_desktop.simulator.robot_simulation import DEFAULT_SPEED_RADPS, FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
+from caris_desktop.simulator.ros_context import ActionlibServer, ActionServer, Ros2ActionServer, RosContext
 from caris_desktop.simulator.server import CallFailed, Message
-from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS
-from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate
-from caris_desktop.simulator.simulated_speech import Spoken, Voice
+from caris_desktop.simulator.simulated_mapping import MapFileError, MapFiles, NoSuchMap
+from caris_desktop.simulator.simulated_navigation import CRUISE_MPS, Progress
+from caris_desktop.simulator.simulated_speech import (
+    RATE_HZ,
+    Microphone,
+    Participant,
+    Spoken,
+    Voice,
+    at_rate,
+    cache_folder,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -767,3 +786,239 @@ class StubCapabilities:
         if timer is not None:
             timer.cancel()
         return timer is not None
+
+
+_LOOK_EVERY_STEPS = 50
+_WHOLE_EVERY_S = 5.0
+_GROWN_BY = 0.1
+_LOADED, _NO_SUCH_MAP, _INVALID_MAP = 0, 1, 2
+_SERIALIZED, _NOT_WRITTEN = 0, 255
+
+
+class MapOnRos:
+    """Publishes the growing map, and executes slam_toolbox's and the map server's services if the model has them.
+
+    The whole map is published when it has grown by a tenth, and every five seconds while it changes, with updates in
+    between. Late subscribers get the present map.
+    """
+
+    def __init__(self, ros: RosContext, files: MapFiles) -> None:
+        self._ros = ros
+        self._files = files
+        self._full_s = float("-inf")
+        self._full_share = 0.0
+        model = ros.model
+        self._map = ros.publishes(model.map, "nav_msgs", "OccupancyGrid", latched=True) if model.map else None
+        self._updates = (
+            ros.publishes(model.map_updates, "map_msgs", "OccupancyGridUpdate") if model.map_updates else None
+        )
+        ros.every(_LOOK_EVERY_STEPS, self._publish_change)
+        if model.slam_toolbox is not None:
+            toolbox = model.slam_toolbox
+            ros.serves(f"{toolbox}/serialize_map", "slam_toolbox", "SerializePoseGraph", self._serialize)
+            ros.serves(f"{toolbox}/deserialize_map", "slam_toolbox", "DeserializePoseGraph", self._deserialize)
+            ros.serves(f"{toolbox}/pause_new_measurements", "slam_toolbox", "Pause", self._pause)
+            # in ROS 2 a node's parameter follows a colon
+            node, between = model.absolute(toolbox), "/" if ros.dialect is Dialect.ROS1 else ":"
+            ros.server.params[f"{node}{between}paused_new_measurements"] = lambda: ros.robot.mapping_paused
+        if model.map_saver is not None:
+            ros.serves(f"{model.map_saver}/save_map", "nav2_msgs", "SaveMap", self._save)
+        if model.map_server is not None:
+            ros.serves(f"{model.map_server}/load_map", "nav2_msgs", "LoadMap", self._load)
+
+    def _publish_change(self) -> None:
+        robot = self._ros.robot
+        change = robot.mapper.change() if self._map is not None else None
+        if self._map is None or change is None:
+            return
+        grown = robot.mapper.known_share > self._full_share * (1.0 + _GROWN_BY)
+        if self._updates is None or grown or robot.now_s - self._full_s >= _WHOLE_EVERY_S:
+            self._publish_whole()
+            return
+        self._ros.server.set_latched(self._map, self._whole())
+        encode, frame = encode_occupancy_grid_update, self._ros.model.map_frame
+        self._ros.publish_stamped(self._updates, encode, change.cells, frame=frame, x=change.left, y=change.bottom)
+
+    def _publish_whole(self) -> None:
+        if self._map is not None:
+            self._full_s = self._ros.robot.now_s
+            self._full_share = self._ros.robot.mapper.known_share
+            self._ros.publish(self._map, self._whole())
+
+    def _whole(self) -> Message:
+        stamp_ns = self._ros.stamp_ns()
+        frame = self._ros.frame(self._ros.model.map_frame)
+        grid = self._ros.robot.mapper.grid(stamp_ns=stamp_ns)
+        return message_conversion.encode_occupancy_grid(self._ros.dialect, grid, stamp_ns=stamp_ns, frame_id=frame)
+
+    def _serialize(self, arguments: Message) -> Message:
+        try:
+            path = self._files.save_graph(text(arguments, "filename", "args"), *self._ros.robot.mapper.snapshot())
+        except MapFileError as error:
+            logger.warning("The map was not saved: %s", error)
+            return {"result": _NOT_WRITTEN}
+        logger.info("The map was saved: %s", path)
+        return {"result": _SERIALIZED}
+
+    def _deserialize(self, arguments: Message) -> Message:
+        match_type = count(arguments, "match_type", "args", most=LOCALIZE_AT_POSE) if "match_type" in arguments else 0
+        try:
+            self._ros.robot.mapper.restore(*self._files.load_graph(text(arguments, "filename", "args")))
+        except (MapFileError, ValueError) as error:
+            # slam_toolbox's answer is the same in any case, and the error is only logged
+            logger.warning("The map was not loaded: %s", error)
+            return {}
+        if match_type in (START_AT_GIVEN_POSE, LOCALIZE_AT_POSE) and "initial_pose" in arguments:
+            pose = part(message_of(arguments, "args"), "initial_pose", "args")
+            here = Pose2D(*(number(pose, name, "args.initial_pose") for name in ("x", "y", "theta")))
+            self._ros.robot.assume_pose(here)
+        if match_type == LOCALIZE_AT_POSE:
+            self._ros.robot.mapping_paused = True
+        self._publish_whole()
+        return {}
+
+    def _pause(self, _: Message) -> Message:
+        """As in slam_toolbox: each call toggles, and the answer is always the same."""
+        robot = self._ros.robot
+        robot.mapping_paused = not robot.mapping_paused
+        return {"status": True}
+
+    def _save(self, arguments: Message) -> Message:
+        try:
+            path = self._files.save_picture(text(arguments, "map_url", "args"), self._ros.robot.mapper.cells())
+        except MapFileError as error:
+            logger.warning("The map was not saved: %s", error)
+            return {"result": False}
+        logger.info("The map was saved: %s", path)
+        return {"result": True}
+
+    def _load(self, arguments: Message) -> Message:
+        try:
+            self._ros.robot.mapper.replace(self._files.load_picture(text(arguments, "map_url", "args")))
+        except (MapFileError, ValueError) as error:
+            logger.warning("The map was not loaded: %s", error)
+            return {"map": self._whole(), "result": _NO_SUCH_MAP if isinstance(error, NoSuchMap) else _INVALID_MAP}
+        self._publish_whole()
+        return {"map": self._whole(), "result": _LOADED}
+
+
+_PROGRESS_EVERY_STEPS = 10
+_STATUS = {
+    "reached": action_messages.SUCCEEDED,
+    "cancelled": action_messages.PREEMPTED,
+    "preempted": action_messages.PREEMPTED,
+    "aborted": action_messages.ABORTED,
+}
+_PLANNER_SPEEDS = ("max_vel_x", "max_vel_trans")
+
+
+class NavigationTopics:
+    """Navigation interfaces of the model."""
+
+    def __init__(self, ros: RosContext, navigation: Navigation) -> None:
+        self._ros = ros
+        self._robot = ros.robot
+        self._is_ros1 = ros.dialect is Dialect.ROS1
+        self._numbers = itertools.count(1)
+        self._server: ActionServer | None = None
+        ros.every(1, self._finish_ended)
+        if navigation.path:
+            self._path = ros.publishes(navigation.path, "nav_msgs", "Path")
+            self._path_of: tuple[int, str | None] = (0, None)
+            ros.every(1, self._publish_new_path)
+        if navigation.name is not None:
+            ros.every(_PROGRESS_EVERY_STEPS, self._publish_progress)
+            if self._is_ros1:
+                self._server = ActionlibServer(
+                    ros, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
+                )
+            else:
+                self._server = Ros2ActionServer(
+                    ros,
+                    navigation.name,
+                    "nav2_msgs",
+                    "NavigateToPose",
+                    on_goal=self._on_goal,
+                    on_cancel=self._on_cancel,
+                    lists_goals=True,
+                )
+        ros.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
+        if navigation.planner is not None:
+            ros.serves(f"{navigation.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
+        if navigation.speed_limit is not None:
+            ros.obeys(navigation.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
+
+    def _reconfigure(self, request: Message) -> Message:
+        """Speed parameters of a DWAPlannerROS, of which the lower applies."""
+        speeds = decode_reconfigured(request, _PLANNER_SPEEDS)
+        if speeds:
+            self._robot.navigation.limit(min(speeds.values()))
+        return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.navigation.top_mps))
+
+    def _on_speed_limit(self, message: Message) -> None:
+        limit, percentage = decode_speed_limit(message)
+        if limit == NO_LIMIT:
+            self._robot.navigation.limit(CRUISE_MPS)
+        else:
+            self._robot.navigation.limit(limit / 100.0 * CRUISE_MPS if percentage else limit)
+
+    def _publish_new_path(self) -> None:
+        """Publish the path on each new plan, and an empty one at its end."""
+        now = (self._robot.navigation.plans_made, self._robot.navigation.goal_id)
+        if now != self._path_of:
+            self._path_of = now
+            points = np.array(self._robot.path_in_map, dtype=np.float32).reshape(-1, 2)
+            self._ros.publish_stamped(self._path, encode_path, points, frame=self._ros.model.map_frame)
+
+    def _publish_progress(self) -> None:
+        progress = self._robot.navigation.progress(self._robot.now_s)
+        if self._server is not None and progress is not None:
+            status = GoalStatus(progress.goal_id, action_messages.ACTIVE, f"{progress.distance_left_m:.2f} m left")
+            self._server.progress(status, self._feedback(progress))
+
+    def _feedback(self, progress: Progress) -> Message:
+        pose, stamp_ns = self._robot.pose_in_map, self._ros.stamp_ns()
+        if self._is_ros1:
+            return {"base_position": message_conversion.encode_pose_stamped(Dialect.ROS1, pose, stamp_ns=stamp_ns)}
+        return action_messages.encode_navigate_to_pose_feedback(
+            pose,
+            distance_left_m=progress.distance_left_m,
+            time_left_s=progress.distance_left_m / CRUISE_MPS,
+            elapsed_s=progress.elapsed_s,
+            stamp_ns=stamp_ns,
+        )
+
+    def _finish_ended(self) -> None:
+        for ended in self._robot.take_ended_goals():
+            status = _STATUS[ended.ending]
+            if ended.ending == "preempted" and not self._is_ros1:
+                status = action_messages.ABORTED
+            self._finish(GoalStatus(ended.goal_id, status, ended.detail))
+
+    def _finish(self, status: GoalStatus) -> None:
+        if self._server is not None:
+            code = 0 if status.status == action_messages.SUCCEEDED else 100
+            self._server.finish(status, {} if self._is_ros1 else {"error_code": code, "error_msg": status.detail})
+
+    def _on_goal(self, goal_id: str, goal: Message) -> None:
+        if self._is_ros1:
+            pose = part(goal, "target_pose", "MoveBaseGoal")
+            target = message_conversion.decode_pose_stamped(pose, stamp_ns=0).pose_in_map
+        else:
+            target = action_messages.decode_navigate_to_pose_goal(goal)
+        self._start(goal_id, target)
+
+    def _on_simple_goal(self, message: Message) -> None:
+        goal_id = f"{'simple' if self._is_ros1 else 'goal_pose'}-{next(self._numbers)}"
+        self._start(goal_id, message_conversion.decode_pose_stamped(message, stamp_ns=0).pose_in_map)
+
+    def _start(self, goal_id: str, target: Pose2D) -> None:
+        logger.info("Goal %s: %s", goal_id, target)
+        if not self._robot.go(goal_id, target):
+            self._finish(GoalStatus(goal_id, action_messages.REJECTED, "the emergency stop is active"))
+        elif self._server is not None and self._robot.navigation.goal_id == goal_id:
+            self._server.accept(goal_id)
+
+    def _on_cancel(self, goal_id: str) -> None:
+        if goal_id in ("", self._robot.navigation.goal_id):
+            self._robot.cancel_goal()

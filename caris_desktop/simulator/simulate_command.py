@@ -13,31 +13,27 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator import robot_models
-from caris_desktop.simulator.camera_model import RATE_HZ
 from caris_desktop.simulator.characters import CHARACTERS
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
-from caris_desktop.simulator.map_files import MapFiles
-from caris_desktop.simulator.participant import BadSentences, read_sentences
-from caris_desktop.simulator.robot_interface import RobotInterface
-from caris_desktop.simulator.robot_simulation import Robot, View
+from caris_desktop.simulator.robot_models import RobotInterface
+from caris_desktop.simulator.robot_simulation import RATE_HZ, Robot, View
 from caris_desktop.simulator.robot_topics import RobotTopics
-from caris_desktop.simulator.ros_context import RobotClock, RosContext
-from caris_desktop.simulator.rosapi import offer_rosapi
-from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, ObeyedLog, SentLog, tls_context
+from caris_desktop.simulator.ros_context import RobotClock, RosContext, offer_rosapi
+from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, LineLog, tls_context
 from caris_desktop.simulator.simulated_base import STEP_S
 from caris_desktop.simulator.simulated_camera_process import CameraProcess
+from caris_desktop.simulator.simulated_mapping import MapFiles
 from caris_desktop.simulator.simulated_people import BadVisits, Seen, Visit, read_visits, visits_by_chance
+from caris_desktop.simulator.simulated_speech import BadSentences, read_sentences
 
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 9090
 _HOPELESSLY_LATE_S = 0.5
-_Log = TypeVar("_Log", SentLog, ObeyedLog)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,23 +141,19 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
-    logs: list[SentLog | ObeyedLog] = []
     try:
         model, visits = _robot_model_of(args), _visits_of(args)
         lines = () if args.participant is None else read_sentences(args.participant)
         robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
         clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
         tls = _tls_of(args)
-        server = _server_of(args, model, clock, logs)
-        ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.ExitStack() as logs, contextlib.suppress(KeyboardInterrupt):
+            server = _server_of(args, model, clock, logs)
+            ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
             return asyncio.run(_simulate(args, ros, tls, lines))
     except (_CannotStart, BadSentences, BadVisits, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    finally:
-        for log in logs:
-            log.close()
     return 0
 
 
@@ -190,34 +182,32 @@ def _tls_of(args: argparse.Namespace) -> ssl.SSLContext | None:
 
 
 def _server_of(
-    args: argparse.Namespace, model: RobotInterface, clock: RobotClock, logs: list[SentLog | ObeyedLog]
+    args: argparse.Namespace, model: RobotInterface, clock: RobotClock, logs: contextlib.ExitStack
 ) -> BridgeServer:
-    """Server that is not yet started; its logs are added to ``logs``."""
+    """Server that is not yet started; ``logs`` closes its logs."""
     secret = None if args.rosauth_secret_env is None else os.environ.get(args.rosauth_secret_env, "")
     if secret is not None and len(secret) != SECRET_CHARS:
         raise _CannotStart(
             f"The environment variable {args.rosauth_secret_env} must contain the secret with {SECRET_CHARS} "
             "characters that rosauth requires."
         )
-    log, obeyed_log = _log_at(SentLog, "--log", args.log), _log_at(ObeyedLog, "--obeyed-log", args.obeyed_log)
-    logs += [each for each in (log, obeyed_log) if each is not None]
+    opened: dict[str, LineLog] = {}
+    for option, path in (("--log", args.log), ("--obeyed-log", args.obeyed_log)):
+        if path is not None:
+            try:
+                opened[option] = logs.enter_context(contextlib.closing(LineLog(path)))
+            except OSError as error:
+                raise _CannotStart(f"{option} {path} cannot be written: {error.strerror or error}.") from error
     return BridgeServer(
         model.dialect,
         secret=secret,
         now_s=clock.now_s,
-        log=log,
-        obeyed_log=obeyed_log,
+        log=opened.get("--log"),
+        obeyed_log=opened.get("--obeyed-log"),
         topics_glob=args.topics_glob,
         goals_in_new_threads=args.send_action_goals_in_new_thread,
         services_in_new_threads=args.call_services_in_new_thread,
     )
-
-
-def _log_at(kind: type[_Log], option: str, path: Path | None) -> _Log | None:
-    try:
-        return None if path is None else kind(path)
-    except OSError as error:
-        raise _CannotStart(f"{option} {path} cannot be written: {error.strerror or error}.") from error
 
 
 def _visits_of(args: argparse.Namespace) -> list[Visit] | None:

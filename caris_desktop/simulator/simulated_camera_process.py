@@ -10,8 +10,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.simulator.camera_model import HEIGHT_PX, WIDTH_PX
-from caris_desktop.simulator.robot_simulation import View
+from caris_desktop.simulator.robot_simulation import HEIGHT_PX, WIDTH_PX, View
 
 logger = logging.getLogger(__name__)
 

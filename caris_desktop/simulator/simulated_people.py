@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import Value
-from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.characters import CHARACTERS, Appearance
-from caris_desktop.simulator.path_planning import Point
 from caris_desktop.simulator.simulated_base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.simulated_base import clearance_m
+from caris_desktop.simulator.simulated_navigation import Point, in_sight, plan
 
 BODY_M = 0.23
 _LEG_M, _HIP_M, _STRIDE_M = 0.06, 0.11, 0.24
@@ -271,7 +270,7 @@ class Crowd:
             self._go(person, spot)
 
     def _go(self, person: _Person, spot: Point, avoid: NDArray[np.float64] | None = None) -> None:
-        way = path_planning.plan((person.x_m, person.y_m), spot, body_m=_WALK_CLEARANCE_M, avoid=avoid)
+        way = plan((person.x_m, person.y_m), spot, body_m=_WALK_CLEARANCE_M, avoid=avoid)
         person.way = way[1:] if way else []
         person.blocked_s = 0.0
 
@@ -322,6 +321,6 @@ def _spot_before(robot: Pose2D, others: Sequence[_Person] = ()) -> Point | None:
             spot = (robot.x_m + distance_m * math.cos(angle), robot.y_m + distance_m * math.sin(angle))
             if any(math.dist(spot, other.way[-1] if other.way else (other.x_m, other.y_m)) < 0.7 for other in others):
                 continue
-            if clearance_m(*spot) > 0.35 and path_planning.in_sight((robot.x_m, robot.y_m), spot):
+            if clearance_m(*spot) > 0.35 and in_sight((robot.x_m, robot.y_m), spot):
                 return spot
     return None

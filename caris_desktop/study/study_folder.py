@@ -1,4 +1,4 @@
-"""Study folder: location of one study's sessions and people database."""
+"""Study folder: location of one study's sessions and people database, and defaults for the next trial."""
 
 import json
 import logging
@@ -173,3 +173,17 @@ def _unusable(path: Path, error: OSError) -> StudyFolderError:
         QT_TR_NOOP("No session can be recorded there. Driving and speaking still work."),
         QT_TR_NOOP("Choose a writable folder, or free some space on its disk."),
     )
+
+
+def following(details: TrialDetails) -> TrialDetails:
+    """Suggested details for the next session: the same, with a numeric trial incremented."""
+    details = replace(details, recording="")
+    return replace(details, trial=str(int(details.trial) + 1)) if details.trial.isdecimal() else details
+
+
+def with_recording_number(details: TrialDetails, last: TrialDetails) -> TrialDetails:
+    """Details with a recording number, incremented if the last session was the same trial of the same participant."""
+    plain = replace(details, recording="", purpose="", wizard="")
+    again = plain == replace(last, recording="", purpose="", wizard="") and plain != TrialDetails()
+    number = int(last.recording) + 1 if again and last.recording.isdecimal() else 1
+    return replace(details, recording=str(number))

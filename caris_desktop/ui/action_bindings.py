@@ -22,7 +22,10 @@ from caris_desktop.scenario.phrases import LOOK, NOD, Phrase, phrase_groups
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_rows import (
     ACTIONS,
+    ALWAYS,
     SPEAKING_GROUP,
+    ActionSpec,
+    EnabledWhen,
     go_to_nth_place,
     has_head,
     mark_with_label,
@@ -33,9 +36,7 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     show_nth_expression,
 )
-from caris_desktop.ui.action_spec import ALWAYS, ActionSpec, EnabledWhen
-from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, settle, types_something
-from caris_desktop.ui.key_positions import modifier_name
+from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, modifier_name, settle, types_something
 from caris_desktop.ui.panel_table import possible_panels
 
 logger = logging.getLogger(__name__)

@@ -4,14 +4,18 @@ A row carries the intent that it sends to the console. Only commands that concer
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from operator import attrgetter
+from typing import Any, Literal, Self, TypeVar
 
 from caris_desktop.conversation.conversation_transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import Marked
-from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.live.addressee import addressee
+from caris_desktop.domain.events import AssistedFunction, Marked
+from caris_desktop.domain.intents import INTENTS, Intent, Permission
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import Value
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import (
@@ -24,9 +28,118 @@ from caris_desktop.scenario.phrases import (
     phrase_groups,
 )
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolStep, step_named
-from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.action_spec import ActionSpec, EnabledWhen, gives
-from caris_desktop.ui.speed_steps import fraction_after
+from caris_desktop.scenario.scenario_model import PanelName, Scenario
+
+Kind = Literal["command", "hold", "safety", "mark", "talk"]
+IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
+"""Function that computes the intent from the scenario, the live state and the row's argument; None for no intent."""
+_Find = TypeVar("_Find", bound=IntentNow)
+_given: dict[Any, tuple[type[Intent], ...]] = {}
+
+
+def gives(*kinds: type[Intent]) -> Callable[[_Find], _Find]:
+    """Decorator that declares which intents a row's function returns; the row's permissions follow from the intent
+    table.
+    """
+
+    def declare(find: _Find) -> _Find:
+        _given[find] = kinds
+        return find
+
+    return declare
+
+
+class EnabledWhen(Value):
+    """Whether the state allows a command now; ``otherwise`` is the marked text for the wizard while it does not."""
+
+    holds: Callable[[LiveState], bool]
+    otherwise: str
+
+
+ALWAYS = EnabledWhen(lambda _state: True, QT_TR_NOOP("This action is not available now."))
+
+
+class ActionSpec(Value):
+    """One row of the action table. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or
+    Map has the focus.
+
+    ``kind`` says who handles the keys: ``command`` is a shortcut, ``hold`` belongs to hold-to-drive and ``safety`` to
+    the application event filter that also works over dialogs. ``mark`` keys are shortcuts whose press and release both
+    count, also while Alt is down to drive; ``talk`` keys are held to speak. ``intent`` is what the console receives, or
+    a function of ``argument`` that computes it and declares its types (:func:`gives`). A row without an intent concerns
+    the window alone: ``callback`` names the method that is called, with ``argument`` if there is one. ``by_position``:
+    letters and digits mean key positions on a US keyboard, whatever the layout types there; hold-to-drive handles them.
+    ``enabled``: condition on the live state. ``applies``: whether a scenario has the row, besides its permissions.
+    ``permission`` is required in addition to the permissions of the intents. ``panel``: the panel that the command
+    belongs to. ``needs``: whether a connected robot has what the row requires. ``within`` names the part of the window
+    that handles the keys itself while it has the focus; empty for keys that work anywhere. ``own_key``: the key comes
+    from the scenario and yields to another row with the same key. ``assists``: assistance levels of the scenario that
+    the row depends on.
+    ``also``: other words that find it in the palette, which lists ``common`` rows first until there is a history.
+    ``text`` and ``group`` are source texts for ``tr``; {number} in the text is ``argument``.
+    """
+
+    id: str
+    text: str
+    icon: str = ""
+    keys: tuple[str, ...] = ()
+    driving_keys: tuple[str, ...] = ()
+    permission: Permission | None = None
+    kind: Kind = "command"
+    enabled: EnabledWhen = ALWAYS
+    intent: Intent | IntentNow | None = None
+    callback: str = ""
+    argument: Any = None
+    group: str = ""
+    by_position: bool = False
+    needs: Callable[[RobotProfile], bool] | None = None
+    within: Literal["", "timeline", "queue"] = ""
+    panel: PanelName | None = None
+    own_key: bool = False
+    assists: tuple[AssistedFunction, ...] = ()
+    applies: Callable[[Scenario], bool] = lambda _scenario: True
+    also: str = ""
+    common: bool = False
+
+    @property
+    def kinds(self) -> tuple[type[Intent], ...]:
+        """Intents that the row may send to the console; empty for a row that concerns the window alone."""
+        if self.intent is None:
+            return ()
+        return (type(self.intent),) if isinstance(self.intent, Intent) else _given[self.intent]
+
+    @property
+    def permissions(self) -> tuple[Permission, ...]:
+        """Permissions required of the scenario: the row's own, and those that all its intents share."""
+        named = () if self.permission is None else (self.permission,)
+        needed = [INTENTS[kind].permissions for kind in self.kinds]
+        shared = tuple(each for each in needed[0] if all(each in one for one in needed)) if needed else ()
+        return tuple(dict.fromkeys((*named, *shared)))
+
+    @property
+    def runs(self) -> bool:
+        """Whether the row runs something when triggered; False for held keys, which drive."""
+        return self.intent is not None or bool(self.callback)
+
+    def in_words(self) -> Self:
+        """The row with its text translated; ``group`` stays untranslated because rows are looked up by it."""
+        text = tr(self.text).replace("{number}", str(self.argument))
+        return self if text == self.text else replace(self, text=text)
+
+
+SPEED_FRACTIONS = (0.3, 0.6, 1.0)
+SPEED_NAMES = (QT_TR_NOOP("Slow"), QT_TR_NOOP("Normal"), QT_TR_NOOP("Fast"))
+
+
+def speed_step(fraction: float) -> int:
+    """Index of the step nearest to a speed setting."""
+    return min(range(len(SPEED_FRACTIONS)), key=lambda index: abs(SPEED_FRACTIONS[index] - fraction))
+
+
+def speed_after(fraction: float, direction: int) -> float:
+    """The next step up (1) or down (-1); unchanged at the end."""
+    return SPEED_FRACTIONS[max(0, min(len(SPEED_FRACTIONS) - 1, speed_step(fraction) + direction))]
+
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3
@@ -95,7 +208,7 @@ def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> In
 @gives(intents.SetSpeed)
 def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
     """Change the speed by one of the three steps, up (1) or down (-1)."""
-    return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
+    return intents.SetSpeed(speed_after(state.drive.value.speed_fraction, direction))
 
 
 @gives(intents.GoToPlace)
@@ -245,21 +358,9 @@ def _step(state: LiveState) -> ProtocolStep | None:
     return None if scenario is None else present_step(scenario, state)
 
 
-def _has_question(state: LiveState) -> bool:
-    return state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
-
-
-def _has_suggestions(state: LiveState) -> bool:
-    return bool(state.suggestions.value.cards) or state.suggestions.value.filler_ns is not None
-
-
 def _can_photograph(state: LiveState) -> bool:
     """Not while the recording is paused: nothing about people may be saved then."""
     return state.frame.freshness == "fresh" and state.recording.value.state != "paused"
-
-
-def _has_next_step(state: LiveState) -> bool:
-    return bool(state.protocol.value.steps) and not state.protocol.value.ended
 
 
 def _has_previous_step(state: LiveState) -> bool:
@@ -273,11 +374,20 @@ _RECORDING = EnabledWhen(
 )
 _PHOTO = EnabledWhen(_can_photograph, QT_TR_NOOP("There is no picture to save now."))
 _CAMERAS = EnabledWhen(lambda state: len(state.cameras.value) > 1, QT_TR_NOOP("There is no other camera."))
-_ASKED = EnabledWhen(_has_question, QT_TR_NOOP("No question is pending."))
-_SUGGESTED = EnabledWhen(_has_suggestions, QT_TR_NOOP("This suggestion is not available now."))
+_ASKED = EnabledWhen(
+    lambda state: state.asked_person.value is not None or bool(state.proposal.value.proposal_id),
+    QT_TR_NOOP("No question is pending."),
+)
+_SUGGESTED = EnabledWhen(
+    lambda state: bool(state.suggestions.value.cards) or state.suggestions.value.filler_ns is not None,
+    QT_TR_NOOP("This suggestion is not available now."),
+)
 _QUEUED = EnabledWhen(lambda state: bool(state.speech.value.waiting), QT_TR_NOOP("The speech queue is empty."))
 _STEP = EnabledWhen(lambda state: _step(state) is not None, QT_TR_NOOP("No protocol step is active."))
-_STEP_AHEAD = EnabledWhen(_has_next_step, QT_TR_NOOP("The protocol has no next step."))
+_STEP_AHEAD = EnabledWhen(
+    lambda state: bool(state.protocol.value.steps) and not state.protocol.value.ended,
+    QT_TR_NOOP("The protocol has no next step."),
+)
 _STEP_BACK = EnabledWhen(_has_previous_step, QT_TR_NOOP("The protocol has no previous step."))
 _STEP_BRANCHES = EnabledWhen(
     lambda state: (step := _step(state)) is not None and bool(step.branches),
@@ -293,16 +403,8 @@ _STEP_GOES = EnabledWhen(
 )
 
 
-def _moves_sideways(robot: RobotProfile) -> bool:
-    return robot.holonomic
-
-
 def has_head(robot: RobotProfile) -> bool:
     return robot.head is not None
-
-
-def _has_steps(scenario: Scenario) -> bool:
-    return bool(scenario.protocol.steps)
 
 
 def _asks(scenario: Scenario) -> bool:
@@ -330,7 +432,7 @@ _speaking = partial(ActionSpec, group=SPEAKING_GROUP)
 _queue = partial(ActionSpec, group=QUEUE_GROUP, within="queue", panel="speak", enabled=_QUEUED)
 _conversation = partial(ActionSpec, group=QT_TR_NOOP("Conversation"), panel="conversation")
 _people = partial(ActionSpec, group=PEOPLE_GROUP)
-_protocol = partial(ActionSpec, group=PROTOCOL_GROUP, applies=_has_steps)
+_protocol = partial(ActionSpec, group=PROTOCOL_GROUP, applies=lambda scenario: bool(scenario.protocol.steps))
 _session = partial(ActionSpec, group=QT_TR_NOOP("Session"))
 _marks = partial(ActionSpec, group=MARKS_GROUP, kind="mark", enabled=_RECORDING)
 _window = partial(ActionSpec, group=WINDOW_GROUP)
@@ -346,9 +448,9 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _held(_DRIVING_HOLD_GROUP, "turn_left", QT_TR_NOOP("Turn left"), "arrow-left", "A", "Left"),
     _held(_DRIVING_HOLD_GROUP, "turn_right", QT_TR_NOOP("Turn right"), "arrow-right", "D", "Right"),
     _held(_DRIVING_HOLD_GROUP, "strafe_left", QT_TR_NOOP("Move sideways to the left"), "arrow-line-left", "Z",
-          needs=_moves_sideways),
+          needs=attrgetter("holonomic")),
     _held(_DRIVING_HOLD_GROUP, "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C",
-          needs=_moves_sideways),
+          needs=attrgetter("holonomic")),
     _driving("slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
              by_position=True),
     _driving("faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,

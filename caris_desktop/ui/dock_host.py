@@ -10,25 +10,20 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 
-from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QMoveEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QFrame, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, panels_in
+from caris_desktop.ui import dock_layout as edits
 from caris_desktop.ui import layouts
-from caris_desktop.ui.focus_widget import focus_widget, focused_widget
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock import Dock, DockRequests
-from caris_desktop.ui.layout.dock_area import DockArea, qrect
-from caris_desktop.ui.layout.dock_geometry import Drop, drop_at, grown
-from caris_desktop.ui.layout.dock_layout import DockLayout
-from caris_desktop.ui.layout.fitting import COMFORT
-from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
-from caris_desktop.ui.layout.layout_tree import Side, panels_in
+from caris_desktop.ui.dock_area import Dock, DockArea, DockRequests
+from caris_desktop.ui.dock_geometry import COMFORT, Drop, drop_at, grown
+from caris_desktop.ui.dock_layout import DockLayout, Side, on_a_screen
+from caris_desktop.ui.focus_widget import PanelWindow, focus_widget, focused_widget
 from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.window_above import WindowAbove
+from caris_desktop.ui.window_place import WindowAbove
 
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
@@ -60,13 +55,13 @@ class FloatingWindow(PanelWindow, WindowAbove):
         self.area = DockArea(docks, requests, self)
         column = layouts.vbox(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
-        self._placed: Rect | None = None
+        self._placed: QRect | None = None
         self._has_panels = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
         self._rest = QTimer(self, singleShot=True, interval=200)
         self._rest.timeout.connect(self._notify)
 
-    def show_panels(self, tree: LayoutNode, visible: frozenset[PanelName], place: Rect) -> None:
+    def show_panels(self, tree: LayoutNode, visible: frozenset[PanelName], place: QRect) -> None:
         self.area.show_tree(tree, visible)
         self.setWindowTitle(
             " · ".join(self.area.docks[group.current].windowTitle() for group in self.area.placing.groups)
@@ -74,7 +69,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         if place != self._placed:
             self._placed = place
             self._settling.start()
-            self.setGeometry(qrect(place))
+            self.setGeometry(place)
         self._has_panels = bool(visible)
         self.setVisible(self._has_panels and not self.is_back)
 
@@ -82,7 +77,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         super().step_back(back=back)
         self._settling.start()  # geometry changes by the window manager are not the wizard's
         if not back and self._placed is not None:
-            self.setGeometry(qrect(self._placed))
+            self.setGeometry(self._placed)
         self.setVisible(self._has_panels and not back)
 
     def _on_geometry(self) -> None:
@@ -90,8 +85,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
             self._rest.start()
 
     def _notify(self) -> None:
-        now = self.geometry()
-        self._placed = Rect(now.x(), now.y(), now.width(), now.height())
+        self._placed = self.geometry()
         self.moved_by_hand.emit(self._placed)
 
     def moveEvent(self, event: QMoveEvent) -> None:
@@ -131,7 +125,7 @@ class DockHost(DockArea):
         self._drop_mark.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._drag_words = DragWords(self)
         self._given_up = False
-        self.screens: Callable[[], Sequence[Rect]] = available_screens
+        self.screens: Callable[[], Sequence[QRect]] = available_screens
         self._before_resize: DockLayout | None = None
         self._leaving: deque[Dock] = deque()
         self._leave = QTimer(self, interval=_LEAVE_MS)
@@ -405,13 +399,12 @@ class DockHost(DockArea):
         else:
             self._on_tab_chosen(name)
 
-    def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
+    def float_panel(self, name: PanelName, place: QRect | None = None) -> None:
         """Float the panel in a separate window: at ``place``, or near its current position."""
         if place is None and name in self._docks:
             dock = self._docks[name]
             at = dock.mapToGlobal(QPoint(_CASCADE_PX, _CASCADE_PX))
-            comfort = COMFORT.get(name, _FLOATING)
-            place = Rect(at.x(), at.y(), max(dock.width(), comfort[0]), max(dock.height(), comfort[1]))
+            place = QRect(at, dock.size().expandedTo(QSize(*COMFORT.get(name, _FLOATING))))
         if place is not None:
             on_screen = on_a_screen(place, self.screens())
             self._change(
@@ -476,7 +469,7 @@ class DockHost(DockArea):
                 self.edited.emit(tr("Resize panels"), before)
                 self.layout_changed.emit()
 
-    def _on_window_moved(self, index: int, place: Rect) -> None:
+    def _on_window_moved(self, index: int, place: QRect) -> None:
         if self._arrangement is None or index >= len(self._arrangement.floating):
             return
         if self.locked:
@@ -503,7 +496,7 @@ class DockHost(DockArea):
             inside = area.mapFromGlobal(at)
             if not area.isVisible() or not area.rect().contains(inside):
                 continue
-            drop = drop_at(area.placing, Rect(0, 0, area.width(), area.height()), inside.x(), inside.y(), name)
+            drop = drop_at(area.placing, area.rect(), inside.x(), inside.y(), name)
             if drop is not None and drop.side == "tab" and drop.at is not None:
                 bar = next((bar for bar in area.bars if drop.beside in bar.panels), None)
                 place = None if bar is None else bar.place_of(bar.mapFromGlobal(at), name)
@@ -525,7 +518,7 @@ class DockHost(DockArea):
         if drop is not None:
             if self._drop_mark.parentWidget() is not area:
                 self._drop_mark.setParent(area)
-            self._drop_mark.setGeometry(qrect(drop.mark))
+            self._drop_mark.setGeometry(drop.mark)
             self._drop_mark.raise_()
             self._drop_mark.show()
         self._drag_words.show_at(at, self._what_drops(name, found))
@@ -552,7 +545,7 @@ class DockHost(DockArea):
             return
         found = self._drop_at(name, at)
         if found is None:
-            self.float_panel(name, Rect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING)))
+            self.float_panel(name, QRect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING)))
         elif found[1] is not None:
             drop = found[1]
             if drop.beside is None:
@@ -625,12 +618,11 @@ _BESIDE: Mapping[Side, str] = {
 }
 
 
-def available_screens() -> Sequence[Rect]:
+def available_screens() -> Sequence[QRect]:
     """Available geometry of each screen, primary screen first."""
     main = QGuiApplication.primaryScreen()
     screens = sorted(QGuiApplication.screens(), key=lambda screen: screen is not main)
-    rects: list[QRect] = [screen.availableGeometry() for screen in screens]
-    return [Rect(rect.x(), rect.y(), rect.width(), rect.height()) for rect in rects]
+    return [screen.availableGeometry() for screen in screens]
 
 
 class DragWords(QLabel):

@@ -15,8 +15,8 @@ from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.form_dialog import lay_out_form, resize_to
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
+from caris_desktop.ui.form_dialog import file_dialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
@@ -168,21 +168,13 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
     # ---- behaviour
 
     def _choose_folder(self) -> None:
-        # Qt's non-modal dialog: a system file dialog would take the keys that stop the robot.
+        """Propose a new subfolder in a folder that is not empty, so that nothing is mixed or overwritten."""
         folder = Path(self._folder.text().strip()).expanduser()
         there = next((path for path in (folder, *folder.parents) if path.is_dir()), Path.home())
-        dialog = QFileDialog(self, tr("Choose the export folder"), str(there))
-        dialog.setObjectName("export_folder_dialog")
-        dialog.setFileMode(QFileDialog.FileMode.Directory)
-        dialog.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.ShowDirsOnly)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.setModal(False)
-        dialog.fileSelected.connect(self._on_folder_chosen)
+        title, mode = tr("Choose the export folder"), QFileDialog.FileMode.Directory
+        dialog = file_dialog(self, "export_folder_dialog", title, self._propose_folder, folder=there, mode=mode)
+        dialog.setOption(QFileDialog.Option.ShowDirsOnly)
         dialog.show()
-
-    def _on_folder_chosen(self, text: str) -> None:
-        """Propose a new subfolder in a folder that is not empty, so that nothing is mixed or overwritten."""
-        self._propose_folder(Path(text))
 
     def _on_start(self) -> None:
         out = Path(self._folder.text().strip()).expanduser()

@@ -1,12 +1,13 @@
-"""Dialogs of fields above a row of buttons."""
+"""Dialogs of fields above a row of buttons, and file dialogs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
-from PySide6.QtCore import QSize
-from PySide6.QtWidgets import QDialog, QWidget
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from caris_desktop.ui import layouts
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.containers import Scrolled
 
@@ -29,6 +30,23 @@ def lay_out_form(
 def resize_to(window: QWidget, size: QSize) -> None:
     """Resize to ``size``, as far as the screen has it: Qt limits a first window to two thirds of the screen."""
     window.resize(size.boundedTo(window.screen().availableSize() - _AROUND))
+
+
+def file_dialog(
+    parent: QWidget, name: str, title: str, chosen: Callable[[Path], object], *, folder: Path | None = None,
+    files: str = "", mode: QFileDialog.FileMode = QFileDialog.FileMode.ExistingFile,
+) -> QFileDialog:  # fmt: skip
+    """File dialog, to be shown, whose choice goes to ``chosen``; ``files``: its name filter.
+
+    Not modal and not the system's, which would take the keys that stop the robot.
+    """
+    dialog = QFileDialog(parent, title, str(folder or Path.home()), files)
+    dialog.setObjectName(name)
+    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.setFileMode(mode)
+    dialog.fileSelected.connect(lambda path: chosen(Path(path)))
+    return dialog
 
 
 class FormDialog(VisualTabOrderMixin, QDialog):

@@ -33,22 +33,10 @@ from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.labels import label, restyle
 
 _LEAST_ROWS_PX, _BESIDE_ROWS_PX, _BETWEEN_PX = 160, 96, 32
-_AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
-    "forward": (
-        QT_TR_NOOP("Drive forward and back"),
-        QT_TR_NOOP("push the stick in the direction for driving forward"),
-    ),
-    "turn": (QT_TR_NOOP("Turn left and right"), QT_TR_NOOP("push the stick in the direction for turning left")),
-    "left": (
-        QT_TR_NOOP("Move sideways"),
-        QT_TR_NOOP("push the stick in the direction for moving left, or press a button"),
-    ),
-    "pan": (QT_TR_NOOP("Turn the head"), QT_TR_NOOP("push the stick in the direction for looking left")),
-    "tilt": (QT_TR_NOOP("Tilt the head"), QT_TR_NOOP("push the stick in the direction for looking down")),
-    "boost": (QT_TR_NOOP("Full speed"), QT_TR_NOOP("pull the trigger")),
-    "slow": (QT_TR_NOOP("Slow speed"), QT_TR_NOOP("pull the trigger")),
-}
-_BUTTON_TEXTS: dict[ButtonAction, str] = {
+_TITLES: dict[AxisAction | ButtonAction, str] = {
+    "forward": QT_TR_NOOP("Drive forward and back"), "turn": QT_TR_NOOP("Turn left and right"),
+    "left": QT_TR_NOOP("Move sideways"), "pan": QT_TR_NOOP("Turn the head"), "tilt": QT_TR_NOOP("Tilt the head"),
+    "boost": QT_TR_NOOP("Full speed"), "slow": QT_TR_NOOP("Slow speed"),
     "stop": QT_TR_NOOP("Stop the robot"), "emergency_stop": QT_TR_NOOP("Emergency stop"),
     "phrase_1": QT_TR_NOOP("Say phrase 1"), "phrase_2": QT_TR_NOOP("Say phrase 2"),
     "phrase_3": QT_TR_NOOP("Say phrase 3"),
@@ -57,6 +45,15 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
     "slower": QT_TR_NOOP("Slower"), "faster": QT_TR_NOOP("Faster"),
     "look_ahead": QT_TR_NOOP("Look ahead"), "push_to_talk": QT_TR_NOOP("Speak through the robot (hold)"),
 }  # fmt: skip
+_WANTED: dict[AxisAction | ButtonAction, str] = {
+    "forward": QT_TR_NOOP("push the stick in the direction for driving forward"),
+    "turn": QT_TR_NOOP("push the stick in the direction for turning left"),
+    "left": QT_TR_NOOP("push the stick in the direction for moving left, or press a button"),
+    "pan": QT_TR_NOOP("push the stick in the direction for looking left"),
+    "tilt": QT_TR_NOOP("push the stick in the direction for looking down"),
+    "boost": QT_TR_NOOP("pull the trigger"),
+    "slow": QT_TR_NOOP("pull the trigger"),
+}
 
 
 class GamepadDialog(FormDialog):
@@ -74,20 +71,18 @@ class GamepadDialog(FormDialog):
         self._hint = label("", "note", wraps=True, objectName="gamepad_hint")
         self._view = GamepadView(theme)
         self._rows: dict[str, BindingRow] = {}
-        shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
+        shown_buttons = [action for action in BUTTON_ACTIONS if action in _TITLES]
         self._sides: list[QWidget] = []
         for actions in ((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:]):
             side = QWidget()
             lines = layouts.vbox(side, margins_px=0, spacing_px=2)
             for action in actions:
-                row = self._rows[action] = BindingRow(theme, action, _title(action))
+                row = self._rows[action] = BindingRow(theme, action, tr(_TITLES[action]))
                 row.change.clicked.connect(lambda _checked=False, action=action: self._learn(action))
                 lines.addWidget(row)
             self._sides.append(side)
         rows = QWidget()
-        self._columns = layouts.hbox(spacing_px=2)
-        for side in self._sides:
-            self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
+        self._columns = layouts.hbox(None, *((side, 1, layouts.TOP) for side in self._sides), spacing_px=2)
         layouts.vbox(rows, self._columns, 1, margins_px=(0, 0, 8, 0))
         sliders = QGridLayout()
         sliders.setHorizontalSpacing(16)
@@ -229,8 +224,10 @@ class GamepadDialog(FormDialog):
             text = tr(status.detail) or tr("Plug in or turn on a gamepad. It is detected automatically.")
         elif self._learned is not None:
             role = "news"
-            instruction = _wanted(self._learned, second=bool(self._first_way))
-            text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=instruction)
+            wanted = _WANTED.get(self._learned, QT_TR_NOOP("press a button to assign it"))
+            if self._first_way:
+                wanted = QT_TR_NOOP("now press the button for the opposite direction")
+            text = tr("{action}: {wanted}.").format(action=tr(_TITLES[self._learned]), wanted=tr(wanted))
         elif status.detail:
             text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "warning"
         else:
@@ -364,18 +361,3 @@ def _short_names() -> dict[str, str]:
         tr("Right stick pressed"): "R3", tr("Pad up"): "↑", tr("Pad right"): "→", tr("Pad down"): "↓",
         tr("Pad left"): "←",
     }  # fmt: skip
-
-
-def _title(action: AxisAction | ButtonAction) -> str:
-    for axis, (title, _text) in _AXIS_TEXTS.items():
-        if axis == action:
-            return tr(title)
-    return next(tr(title) for button, title in _BUTTON_TEXTS.items() if button == action)
-
-
-def _wanted(action: AxisAction | ButtonAction, *, second: bool) -> str:
-    if second:
-        return tr("now press the button for the opposite direction")
-    return next(
-        (tr(text) for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), tr("press a button to assign it")
-    )

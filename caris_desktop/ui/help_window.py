@@ -7,16 +7,16 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QSize, Qt, QUrl
 from PySide6.QtGui import QImage, QKeySequence, QShortcut, QTextCursor, QTextDocument
-from PySide6.QtWidgets import QApplication, QLineEdit, QTextBrowser, QWidget
+from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
 
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.focus_widget import focused_widget
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin, focused_widget
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import line_edit
 from caris_desktop.ui.window_place import bring_up
 
 _PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18
@@ -84,14 +84,13 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         self.browser = GuideBrowser()
         self.browser.setObjectName("help_page")
         self.browser.setAccessibleName(tr("Guide"))
-        self._pages = DropDown(theme, "help_pages", tr("Page"))
+        pages = DropDown(theme, "help_pages", tr("Page"))
         for title, name in sorted((_title(path), path.name) for path in guide_dir().glob("*.md")):
-            self._pages.addItem(title, name)
-        self._pages.activated.connect(self._on_page_chosen)
-        self.search = QLineEdit(placeholderText=tr("Search…"))
-        self.search.setObjectName("help_search")
-        self.search.setAccessibleName(tr("Search"))
-        self.search.returnPressed.connect(self._find_next)
+            pages.addItem(title, name)
+        pages.activated.connect(lambda row: self.show_page(pages.itemData(row)))
+        self.search = line_edit(
+            "help_search", tr("Search"), placeholderText=tr("Search…"), returnPressed=self._find_next
+        )
         row = layouts.hbox(margins_px=(12, 8, 12, 0), spacing_px=8)
         for name, text, icon, step, can in (
             ("help_back", tr("Back"), "arrow-left", self.browser.backward, self.browser.backwardAvailable),
@@ -103,9 +102,9 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
             )  # fmt: skip
             can.connect(button.setEnabled)
             row.addWidget(button)
-        layouts.fill(row, (self._pages, 1), (self.search, 1))
+        layouts.fill(row, (pages, 1), (self.search, 1))
         layouts.vbox(self, row, (self.browser, 1), margins_px=0, spacing_px=8)
-        self.browser.sourceChanged.connect(self._on_page)
+        self.browser.sourceChanged.connect(lambda page: pages.setCurrentIndex(pages.findData(page.fileName())))
         QShortcut(QKeySequence(QKeySequence.StandardKey.Find), self, self._on_find)
         theme.changed.connect(self.browser.reload)  # link colours are stored in the document
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
@@ -118,12 +117,6 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         url = QUrl.fromLocalFile(str(guide_dir()) + "/").resolved(QUrl(page))
         self.browser.setSource(url, QTextDocument.ResourceType.MarkdownResource)
         self.browser.setFocus(Qt.FocusReason.OtherFocusReason)
-
-    def _on_page(self, page: QUrl) -> None:
-        self._pages.setCurrentIndex(self._pages.findData(page.fileName()))
-
-    def _on_page_chosen(self, row: int) -> None:
-        self.show_page(self._pages.itemData(row))
 
     def _on_find(self) -> None:
         self.search.setFocus(Qt.FocusReason.ShortcutFocusReason)

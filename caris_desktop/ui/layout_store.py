@@ -19,14 +19,22 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout, panels_in
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import fitted, size_class
 from caris_desktop.ui.dock_host import LOCKED, DockHost
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of
-from caris_desktop.ui.layout.fitting import fitted, size_class
-from caris_desktop.ui.layout.layout_tree import differs, panels_in, permitted, tidy, with_the_panels_of
+from caris_desktop.ui.dock_layout import (
+    DockLayout,
+    arrangement_data,
+    arrangement_from,
+    arrangement_of,
+    differs,
+    permitted,
+    tidy,
+    with_the_panels_of,
+)
 from caris_desktop.ui.panel_manager import PanelManager
-from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.preferences import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout

@@ -1,12 +1,19 @@
 """QVBoxLayout and QHBoxLayout with items, margins and spacing in px; None keeps the style's default."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLayout, QVBoxLayout, QWidget
 
 Margins = int | tuple[int, int, int, int]
 """Equal on all sides; or left, top, right, bottom."""
 
-Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int]
-"""Widget or layout, one with its stretch factor, or empty space of a stretch factor."""
+_Part = TypeVar("_Part", bound=QWidget)
+
+TOP = Qt.AlignmentFlag.AlignTop
+Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int] | tuple[QWidget, int, Qt.AlignmentFlag]
+"""Widget or layout, one with its stretch factor and alignment, or empty space of a stretch factor."""
 
 
 def vbox(
@@ -32,13 +39,23 @@ def hbox(
 def fill(layout: QBoxLayout, *items: Item) -> None:
     """Append the items to a layout."""
     for item in items:
-        part, stretch = item if isinstance(item, tuple) else (item, 0)
+        part, stretch, *alignment = item if isinstance(item, tuple) else (item, 0)
         if isinstance(part, int):
             layout.addStretch(part)
         elif isinstance(part, QWidget):
-            layout.addWidget(part, stretch)
+            layout.addWidget(part, stretch, *alignment)
         else:
             layout.addLayout(part, stretch)
+
+
+def adjust_count(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
+    """Adjust the number of widgets, reusing existing ones."""
+    for part in parts[count:]:
+        part.hide()
+        part.deleteLater()
+    del parts[count:]
+    while len(parts) < count:
+        parts.append(new())
 
 
 def _give_room(layout: QBoxLayout, margins_px: Margins | None, spacing_px: int | None) -> None:

@@ -18,63 +18,46 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario, panels_in
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessible_roles import install_accessible_roles
+from caris_desktop.ui.accessibility import Announcements, install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
-from caris_desktop.ui.announcing import Announcements
-from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.background_reading import Remembered, read_for
-from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, NoticeStrip, QuestionBanner
-from caris_desktop.ui.connection_card import ConnectionCard
+from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
-from caris_desktop.ui.face.face_windows import FaceWindows
-from caris_desktop.ui.first_use.first_use import FirstUse
-from caris_desktop.ui.gamepad_window import GamepadWindow
+from caris_desktop.ui.first_use import FirstUse, PracticeStrip
+from caris_desktop.ui.focus_widget import PanelWindow
 from caris_desktop.ui.help_window import HelpWindows
-from caris_desktop.ui.hint import Hints
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.input.talk_key import Talking
-from caris_desktop.ui.late_imports import LateImports
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
-from caris_desktop.ui.observer.observer_window import ObserverWindows
+from caris_desktop.ui.observer_window import ObserverWindows
 from caris_desktop.ui.palette.command_palette import CommandPalette, PaletteItem, PaletteMemory
 from caris_desktop.ui.palette.palette_entries import PaletteEntries, QuickChoices
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.panel_manager import PanelManager
+from caris_desktop.ui.panel_manager import LateImports, PanelManager
 from caris_desktop.ui.people.shown_people import PendingIdentityQuestion, name_of
-from caris_desktop.ui.practice.practice_strip import PracticeStrip
-from caris_desktop.ui.preferences import Preferences
-from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
+from caris_desktop.ui.preferences import Preferences, WizardProfiles
+from caris_desktop.ui.preflight_list import PreflightButton, PreflightCard
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
-from caris_desktop.ui.resume_trial_card import ResumeTrialCard
-from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.saved_session_card import SavedSessionCard
-from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
-from caris_desktop.ui.session_windows import SessionWindows
-from caris_desktop.ui.shortcuts.shortcut_sheet import ShortcutSheet
-from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
-from caris_desktop.ui.status_bar import StatusBar
-from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
-from caris_desktop.ui.top_bar import TopBar
+from caris_desktop.ui.shortcut_sheet import ShortcutSheet, WizardKeys
+from caris_desktop.ui.status_bar import ConnectionCard, KeyOwnerChip, StatusBar
+from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice, icon
+from caris_desktop.ui.top_bar import EmergencyOverDialogs, TopBar
+from caris_desktop.ui.trial_cards import ResumeTrialCard, SavedSessionCard
 from caris_desktop.ui.window_appearance import Appearance
-from caris_desktop.ui.window_menus import WindowMenus
+from caris_desktop.ui.window_menus import AppContext, WindowMenus
 from caris_desktop.ui.window_place import Settings, WindowPlace
-from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.windows import FaceWindows, GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
 
 if TYPE_CHECKING:  # imported at first use
+    from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.ui.replay.timeline_view import ReplayWidgets
-    from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
 class MainWindow(PanelWindow, QWidget):
@@ -97,7 +80,7 @@ class MainWindow(PanelWindow, QWidget):
         scenarios: Callable[[], Sequence[ScenarioChoice]] = list_scenarios,
         theme: Theme | None = None,
         gamepads: Gamepads | None = None,
-        explorer: "RobotExplorer | None" = None,
+        explorer: "LiveRobotExplorer | None" = None,
         all_panels: bool = True,
     ) -> None:
         super().__init__()
@@ -135,12 +118,13 @@ class MainWindow(PanelWindow, QWidget):
         alarms_button = AlarmsButton(self.theme, console)
         line = NotificationLine(self.theme)
         first = KeyOwnerChip(self.theme, self.hold), alarms_button, to_check
-        self._status_bar = StatusBar(self.theme, console, *first, news=line)
+        self.status_bar = StatusBar(self.theme, console, *first, news=line)
         self._arrange()
         Hints(self.dock_host, self.actions_table, self.hold)
-        self._problems = NotificationPopups(self.theme, self.dock_host, console.state, line)
+        self.problems = NotificationPopups(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
-        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._notify, self)
+        warn = partial(self.problems.notify, severity="warning")
+        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, warn, self)
         self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
         self._connection = ConnectionCard(self.theme, self, console.state)
         self._preflight = PreflightCard(self.theme, self, console)
@@ -148,8 +132,8 @@ class MainWindow(PanelWindow, QWidget):
         alarms_button.clicked.connect(self._alarms.show_alarms)
         # Popups and panels
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
-        self._status_bar.picture_seen = self._picture_seen
-        self.dock_host.layout_changed.connect(self._status_bar.refresh)
+        self.status_bar.picture_seen = self._picture_seen
+        self.dock_host.layout_changed.connect(self.status_bar.refresh)
         self.dock_host.laid_out.connect(self._leave_banners_clear)
         self._strip.placed.connect(self._leave_banners_clear)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
@@ -159,7 +143,7 @@ class MainWindow(PanelWindow, QWidget):
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self._saved = SavedSessionCard(self.theme, self.dock_host, self.sessions, console.state.present.now_ns)
         for card in (self._going_on, self._saved):
-            self._problems.stay_clear_of(card)
+            self.problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._top_bar) + 1, self.first_use.hint)
@@ -173,7 +157,7 @@ class MainWindow(PanelWindow, QWidget):
         self.editor = ScenarioEditorWindow(self.theme, console, self)
         self._scenarios = Remembered(console, scenarios, self)
         overlays = (self._palette_overlay, self._sheet, self._connection, self._preflight, self._alarms)
-        self.closing = QuitGuard(self, console, self._question, self._problems, overlays)
+        self.closing = QuitGuard(self, console, self._question, self.problems, overlays)
         parts = AppContext(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
             self.gamepad, self.editor, self.wizards, self._scenarios, self._open_scenario, self.appearance,
@@ -215,7 +199,7 @@ class MainWindow(PanelWindow, QWidget):
         self._middle.addWidget(self.dock_host)
         holder.addWidget(self._middle)
         self._column.addLayout(holder, 1)
-        self._column.addWidget(self._status_bar)
+        self._column.addWidget(self.status_bar)
 
     def _connect(self) -> None:
         top_bar, state = self._top_bar, self._console.state
@@ -227,13 +211,13 @@ class MainWindow(PanelWindow, QWidget):
             state.recording.changed.connect(self._saved.show_recording)
         for known in (self.sessions.recent_changed, self._scenarios.changed, self.robots.choices.changed):
             known.connect(self._renew_palette)
-        self._status_bar.connection_clicked.connect(self._connection.open)
-        self._connection.diagnostics_requested.connect(self._open_diagnostics)
-        self._alarms.log_requested.connect(self._open_log)
-        self._connection.robots_requested.connect(self._open_robot_menu)
+        self.status_bar.connection_clicked.connect(self._connection.open)
+        self._connection.diagnostics_requested.connect(partial(self.board.open_and_focus, "diagnostics"))
+        self._alarms.log_requested.connect(partial(self.board.open_and_focus, "session"))
+        self._connection.robots_requested.connect(self.menus.open_robot_menu)
         self.board.window_requested.connect(self.sessions.open)
         self.board.window_requested.connect(self.faces.open)
-        self.layout_keeper.noticed.connect(self._problems.show_problem)
+        self.layout_keeper.noticed.connect(self.problems.show_problem)
         for step_back in (
             self._palette_overlay.close_overlay, self._sheet.step_back, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
@@ -266,7 +250,7 @@ class MainWindow(PanelWindow, QWidget):
         self.gamepad.use_gamepads(gamepads)
         self.talking.use_gamepads(gamepads)
 
-    def use_explorer(self, explorer: "RobotExplorer") -> None:
+    def use_explorer(self, explorer: "LiveRobotExplorer") -> None:
         """Enable robot discovery and saving profiles."""
         self.robots.use_explorer(explorer)
 
@@ -283,7 +267,7 @@ class MainWindow(PanelWindow, QWidget):
         self.actions_table.drop_all_but((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay(replay.live_robots)
-        self._status_bar.show_replay()
+        self.status_bar.show_replay()
         self._strip.use_replay()
         self._protocol.show_replay(replay.overview)
         self._protocol.moment_requested.connect(replay.seek)
@@ -292,10 +276,10 @@ class MainWindow(PanelWindow, QWidget):
         parts = ReplayWidgets(self.theme, replay, self._console.state, self.actions_table)
         # Rebuilt for a replay, without Photo for example.
         self.show_scenario(self._console.scenario)
-        parts.arrange(self.dock_host, self._middle, self._column, self._status_bar)
+        parts.arrange(self.dock_host, self._middle, self._column, self.status_bar)
         self._replay_parts = parts
-        replay.noticed.connect(self._problems.show_problem)
-        self._problems.line.clicked.connect(parts.show_panels)
+        replay.noticed.connect(self.problems.show_problem)
+        self.problems.line.clicked.connect(parts.show_panels)
         self.board.moment_requested.connect(replay.seek)
         self.hold.escape_pressed.connect(parts.timeline.acts.give_up)
         self._place.use_replay()
@@ -308,14 +292,6 @@ class MainWindow(PanelWindow, QWidget):
     def panels(self) -> dict[PanelName, Panel]:
         """Panels of the current scenario."""
         return self.board.panels
-
-    @property
-    def problems(self) -> NotificationPopups:
-        return self._problems
-
-    @property
-    def status_bar(self) -> StatusBar:
-        return self._status_bar
 
     def show_scenario(self, scenario: Scenario) -> None:
         """Rebuild panels, actions and shortcuts for ``scenario``, now; everything else keeps running."""
@@ -330,7 +306,7 @@ class MainWindow(PanelWindow, QWidget):
         self._shown_scenario = scenario
         self.board.begin(scenario, self._on_arranged, self.layout_keeper.begin)
         self._top_bar.show_scenario()
-        self._status_bar.refresh()
+        self.status_bar.refresh()
         self.observers.show_scenario()
         self.setWindowTitle(self._title(scenario))
 
@@ -459,23 +435,7 @@ class MainWindow(PanelWindow, QWidget):
         """Commands and items of the command palette now."""
         return self._entries.now() if self._replay is None else self._entries.of_replay(self._replay)
 
-    def _open_diagnostics(self) -> None:
-        self._connection.close_overlay()
-        self.board.open_and_focus("diagnostics")
-
-    def _open_log(self) -> None:
-        self._alarms.close_overlay()
-        self.board.open_and_focus("session")
-
-    def _open_robot_menu(self) -> None:
-        self._connection.close_overlay()
-        self.menus.open_robot_menu()
-
     # ---- events
-
-    def _notify(self, what: str, meaning: str, advice: str) -> None:
-        """Notification about the window, not the session."""
-        self._problems.show_problem(Problem(self._console.state.present.now_ns(), "warning", what, meaning, advice))
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop != self._palette_latched:
@@ -489,7 +449,7 @@ class MainWindow(PanelWindow, QWidget):
     def _on_event(self, event: object) -> None:
         # In a replay, recorded problems are history.
         if isinstance(event, Problem) and self._replay is None:
-            self._problems.add(event)
+            self.problems.add(event)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
@@ -543,32 +503,16 @@ def _ends_of_recording(before: Scenario, after: Scenario) -> list[str]:
 
 
 def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
-    """Decision whether a changed scenario needs its panels rebuilt.
-
-    Whether no panel needs a rebuild, so that text being typed is not lost.
+    """Whether no panel of a changed scenario needs a rebuild, so that text being typed is not lost.
 
     True if only a place was saved or removed (panels follow ``state.places``), or the current layout was saved.
     """
-    return _only_other_places(before, after) or _only_saves_the_layout(before, after, arranged)
-
-
-def _only_other_places(before: Scenario, after: Scenario) -> bool:
     moved = replace(after, places=before.places, path=before.path, sha256=before.sha256)
-    return before.places != after.places and moved == before
+    if moved == before:
+        return before.places != after.places or _has_panels_of(after, arranged)
+    layouts_before = {name: getattr(before, name) for name in ("layout", "layout_compact", "layout_large")}
+    return replace(moved, **layouts_before) == before and _has_panels_of(after, arranged)
 
 
-def _only_saves_the_layout(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
-    return (
-        arranged is not None
-        and set(panels_in(after.layout)) == set(panels_in(arranged))
-        and replace(
-            after,
-            layout=before.layout,
-            layout_compact=before.layout_compact,
-            layout_large=before.layout_large,
-            path=before.path,
-            sha256=before.sha256,
-            places=before.places,
-        )
-        == before
-    )
+def _has_panels_of(scenario: Scenario, arranged: LayoutNode | None) -> bool:
+    return arranged is not None and set(panels_in(scenario.layout)) == set(panels_in(arranged))

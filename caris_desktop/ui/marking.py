@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, QRect, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QObject, QRect, QTimer, Signal
 from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QWidget
 
@@ -18,8 +18,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_rows import MARKS_GROUP, move_last_mark_back, withdraw_last_mark
-from caris_desktop.ui.action_spec import IntentNow
+from caris_desktop.ui.action_rows import MARKS_GROUP
 from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import ESC_CLOSES
@@ -29,7 +28,7 @@ from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import IconLabel, label
 from caris_desktop.ui.widgets.popups import Popup
-from caris_desktop.ui.window_above import clear_place, windows_above
+from caris_desktop.ui.window_place import clear_place, windows_above
 
 HELD_AFTER_S = 0.4
 ANSWER_WITHIN_S = 5.0
@@ -55,14 +54,9 @@ class Marking(QObject):
         actions.answer_for(MARKS_GROUP, self)
         self._held: dict[str, _Held] = {}
         self.card = MarkCard(theme, console, actions, window)
-        self.card.earlier_requested.connect(lambda: self._ask(move_last_mark_back))
-        self.card.withdraw_requested.connect(lambda: self._ask(withdraw_last_mark))
         actions.asking.connect(self._on_asking)
         actions.intent_sent.connect(self._on_intent_sent)
-        self.card.label_chosen.connect(self._on_label_chosen)
         self.card.error_kind_chosen.connect(self._on_error_kind)
-        self.card.note_saved.connect(self._on_note_stored)
-        self.card.end_requested.connect(lambda mark_id: console.do(intents.EndMark(mark_id)))
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
         self._taken_back: Marked | None = None
@@ -113,11 +107,6 @@ class Marking(QObject):
 
     # ---- intents
 
-    def _ask(self, find: IntentNow) -> None:
-        intent = find(self._console.scenario, self._console.state, None)
-        if intent is not None:
-            self._actions.ask(intent)
-
     def _on_asking(self, intent: Intent) -> None:
         if isinstance(intent, intents.Mark | intents.BeginMark | intents.WithdrawMark):
             self._no_question()
@@ -162,10 +151,7 @@ class Marking(QObject):
 
     def _on_error_kind(self, label: str) -> None:
         self._no_question()
-        mark_id = self.card.mark_id
-        if mark_id:
-            self._console.do(intents.ChangeMark(mark_id, label=label))
-            self.card.show_mark(mark_id)
+        self.card.choose_label(label)
 
     def _on_answer_late(self) -> None:
         self._hold.ask_no_key()
@@ -175,25 +161,6 @@ class Marking(QObject):
         self._answer_time.stop()
         self._hold.ask_no_key()
         self.card.stop_asking()
-
-    def _on_label_chosen(self, label: str) -> None:
-        mark_id = self.card.mark_id
-        if mark_id:
-            self._console.do(intents.ChangeMark(mark_id, label=label))
-            self.card.show_mark(mark_id)
-
-    def _on_note_stored(self, text: str, mark_id: str, ago_s: float) -> None:
-        """Save the note; empty ``mark_id`` for a separate note, ``ago_s``: seconds since its moment."""
-        if self._console.state.recording.value.state != "recording":
-            self.card.say(tr("The note was not saved"), tr("No recording is running."))
-            return
-        if mark_id:
-            self._console.do(intents.ChangeNote(mark_id, text))
-        else:
-            written = intents.AddNote(text, earlier_s=max(0.0, ago_s))
-            self._console.do(written)
-            mark_id = written.note_id
-        self.card.show_mark(mark_id)
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state != "recording" and not self.card.writes_note:
@@ -221,12 +188,7 @@ class MarkCard(Popup):
 
     accessible_role = QAccessible.Role.Dialog
 
-    earlier_requested = Signal()
-    withdraw_requested = Signal()
-    label_chosen = Signal(str)
     error_kind_chosen = Signal(str)
-    end_requested = Signal(str)  # mark id
-    note_saved = Signal(str, str, float)  # text, mark id or empty, seconds ago
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(theme, window, tone="blue")
@@ -253,14 +215,18 @@ class MarkCard(Popup):
         self._kinds_shown: tuple[ErrorKind, ...] = ()
         self._end = self._button("mark_card_end", tr("End"), self._on_end, icon="stop", role="primary")
         self._earlier = self._button(
-            "mark_card_earlier", tr("3 s earlier"), self.earlier_requested, icon="rewind",
+            "mark_card_earlier", tr("3 s earlier"), lambda: actions.run("mark_earlier"), icon="rewind",
             toolTip=tr("Move the mark 3 seconds earlier. Press again for 6, 9, …"),
         )  # fmt: skip
         self._add_note = self._button(
             "mark_card_note", tr("Note"), self._on_add_note, icon="note-pencil", toolTip=tr("Add a note to this mark")
         )
         self._undo = self._button(
-            "mark_card_undo", tr("Undo"), self.withdraw_requested, icon="arrow-u-up-left", toolTip=tr("Undo this mark")
+            "mark_card_undo",
+            tr("Undo"),
+            lambda: actions.run("mark_undo"),
+            icon="arrow-u-up-left",
+            toolTip=tr("Undo this mark"),
         )
         self._correct = QWidget()
         corrections = self._end, self._earlier, self._add_note, self._undo
@@ -276,11 +242,10 @@ class MarkCard(Popup):
         leave = self._button("note_leave", tr("Discard"), self.close_card, key="Esc", toolTip=tr(ESC_CLOSES))
         self._note_row = QWidget()
         layouts.hbox(self._note_row, (self.field, 1), self._keep, leave, margins_px=0, spacing_px=6)
-        head = layouts.hbox(spacing_px=10)
-        head.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        head.addLayout(layouts.vbox(None, self._title, self._line, spacing_px=1), 1)
-        head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
-        head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        words, top = layouts.vbox(None, self._title, self._line, spacing_px=1), layouts.TOP
+        head = layouts.hbox(
+            None, (self._icon, 0, top), (words, 1), (self._correct, 0, top), (close, 0, top), spacing_px=10
+        )
         parts = self._labels, self._kinds, self._note_row
         below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
         layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
@@ -293,7 +258,7 @@ class MarkCard(Popup):
         window.installEventFilter(self)
         self._show_keys()
 
-    def _button(self, name: str, text: str, run: Callable[..., object] | SignalInstance, **more: Any) -> ActionButton:
+    def _button(self, name: str, text: str, run: Callable[..., object], **more: Any) -> ActionButton:
         more = {"height_px": 30, "text_px": tokens.STATUS_PX + 1, "objectName": name, "clicked": run, **more}
         return ActionButton(self._theme, text, **more)
 
@@ -516,7 +481,14 @@ class MarkCard(Popup):
     def _on_label(self, index: int) -> None:
         labels = self._console.scenario.recording.labels
         if index < len(labels):
-            self.label_chosen.emit(labels[index])
+            self.choose_label(labels[index])
+
+    def choose_label(self, label: str) -> None:
+        """Give the mark on display this label."""
+        mark_id = self.mark_id
+        if mark_id:
+            self._console.do(intents.ChangeMark(mark_id, label=label))
+            self.show_mark(mark_id)
 
     def _on_add_note(self) -> None:
         if self._mark is not None:
@@ -524,15 +496,25 @@ class MarkCard(Popup):
 
     def _on_end(self) -> None:
         if self.mark_id:
-            self.end_requested.emit(self.mark_id)
+            self._console.do(intents.EndMark(self.mark_id))
             self._open(_SHOWN_MS)
 
     def _store_note(self) -> None:
         text = " ".join(self.field.text().split())
         mark_id, ago_s = self._note_for, time.monotonic() - self._note_began_s
         self.close_card()
-        if text or mark_id:
-            self.note_saved.emit(text, mark_id, ago_s)
+        if not (text or mark_id):
+            return
+        if self._console.state.recording.value.state != "recording":
+            self.say(tr("The note was not saved"), tr("No recording is running."))
+            return
+        if mark_id:
+            self._console.do(intents.ChangeNote(mark_id, text))
+        else:
+            written = intents.AddNote(text, earlier_s=max(0.0, ago_s))
+            self._console.do(written)
+            mark_id = written.note_id
+        self.show_mark(mark_id)
 
     # ---- placement and style
 

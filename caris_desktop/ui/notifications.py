@@ -17,22 +17,20 @@ from caris_desktop.live.status import Alarm
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.accessibility import announce, has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ALARMS_GROUP
-from caris_desktop.ui.announcing import announce
-from caris_desktop.ui.layout.dock_area import DockArea
-from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace
-from caris_desktop.ui.layout.layout_rect import Rect
+from caris_desktop.ui.dock_area import DockArea
+from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, below
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.labels import IconLabel, label, restyle
 from caris_desktop.ui.widgets.popups import Popup
 from caris_desktop.ui.widgets.rows import show_rows
-from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, windows_above
-from caris_desktop.ui.wrapped_tip import wrapped_tip
+from caris_desktop.ui.window_place import PLACE_CHANGES, InSight, windows_above
 
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
@@ -115,6 +113,10 @@ class NotificationPopups(InSight):
         if problem.cause == ANSWER and cause_among(problem, self._state.alarms.value) is None:
             self.show_problem(problem)
 
+    def notify(self, what: str, meaning: str, advice: str, severity: Severity = "info") -> None:
+        """Show a notification about the window, not the session."""
+        self.show_problem(Problem(self._state.present.now_ns(), severity, what, meaning, advice))
+
     def show_problem(self, problem: Problem) -> None:
         """Add a popup, or update the one with the same message."""
         known = next((card for card in self._cards if not card.alarm_id and card.problem.what == problem.what), None)
@@ -170,21 +172,21 @@ class NotificationPopups(InSight):
         problem = gravest(self._cards).problem if self._cards and place is None else None
         self.line.show_problem(problem, len(self._cards), opened=self._open_requested)
         if place is None and self._open_requested:
-            place = in_the_corner(Rect(0, 0, self._over.width(), self._over.height()), self._height_for)
+            place = in_the_corner(self._over.rect(), self._height_for)
         self.setVisible(place is not None)
         if place is None:
             return
-        self.setFixedWidth(place.width)
-        self.resize(place.width, place.height)
+        self.setFixedWidth(place.width())
+        self.resize(place.size())
         self._column.activate()
-        self.move(QPoint(place.left, place.top))
+        self.move(place.topLeft())
         self.raise_()
 
     def _on_line_clicked(self) -> None:
         self._open_requested = not self._open_requested
         self._place()
 
-    def _free_place(self) -> Rect | None:
+    def _free_place(self) -> QRect | None:
         """Place for the popups. One is expanded, the newest of the most severe or the clicked one; the others are
         collapsed.
         """
@@ -194,8 +196,8 @@ class NotificationPopups(InSight):
         if not self._over.isVisibleTo(self._over.window()):
             return None
         clear_of = (card for card in self._clear_of if card.isVisible())
-        taken = [_rect(QRect(self._over.mapFromGlobal(card.mapToGlobal(QPoint())), card.size())) for card in clear_of]
-        taken += [_rect(window.place_in(self._over)) for window in windows_above(self._over.window())]
+        taken = [QRect(self._over.mapFromGlobal(card.mapToGlobal(QPoint())), card.size()) for card in clear_of]
+        taken += [window.place_in(self._over) for window in windows_above(self._over.window())]
         return card_place(self._over.placing.groups, self._height_for, taken)
 
     def _open_whole(self, card: "NotificationPopup") -> None:
@@ -214,10 +216,6 @@ class NotificationPopups(InSight):
         if event.type() in PLACE_CHANGES and (watched is self._over or watched in self._clear_of):
             self._on_laid_out()
         return False
-
-
-def _rect(place: QRect) -> Rect:
-    return Rect(place.x(), place.y(), place.width(), place.height())
 
 
 def gravest(cards: Sequence["NotificationPopup"]) -> "NotificationPopup":
@@ -272,10 +270,8 @@ class NotificationPopup(Popup):
             theme, icon="x", role="ghost", height_px=28, objectName="problem_dismiss", accessibleName=tr("Dismiss"),
             clicked=lambda: self.dismissed.emit(self),
         )  # fmt: skip
-        row = self._row = layouts.hbox(self, margins_px=(14, 12, 8, 14), spacing_px=12)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addLayout(self._text, 1)
-        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        parts = (self._icon, 0, layouts.TOP), (self._text, 1), (close, 0, layouts.TOP)
+        self._row = layouts.hbox(self, *parts, margins_px=(14, 12, 8, 14), spacing_px=12)
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(lambda: self.dismissed.emit(self))
         self._show_text()
@@ -346,43 +342,38 @@ is at the bottom.
 
 
 def card_place(
-    groups: Sequence[GroupPlace], height_for: Callable[[int], int], taken: Sequence[Rect] = ()
-) -> Rect | None:
+    groups: Sequence[GroupPlace], height_for: Callable[[int], int], taken: Sequence[QRect] = ()
+) -> QRect | None:
     """Rectangle over the least important panel with enough room; None if there is none.
 
     At the upper end of video and transcript, because the ground ahead and the newest words are further down; at the
     lower end elsewhere. ``groups``: tab groups as laid out, in px of the dock area. ``height_for``: height of the
     popups for a width. ``taken``: areas of popups that ask a question and must not be covered.
     """
-    rooms = {group.current: _below_title(group) for group in groups}
+    rooms = {group.current: below(group.body, TITLE_PX) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
-    if "video" in rooms and rooms["video"].width >= _WIDE_PX:
+    if "video" in rooms and rooms["video"].width() >= _WIDE_PX:
         tries.append(("video", 1.0))  # next to its centre
     for name, share in [*tries, *((name, _SHARE) for name in _LAST)]:
         room = rooms.get(name)
         if room is None:
             continue
-        width = min(CARD_WIDEST_PX, room.width - 2 * _BESIDE_PX)
-        height = height_for(width) if width >= _NARROWEST_PX else room.height
-        if height + 2 * _BESIDE_PX <= room.height * share:
-            top = room.top + _BESIDE_PX if name in _LAST else room.bottom - height - _BESIDE_PX
-            found = Rect(room.right - width - _BESIDE_PX, top, width, height)
-            if not any(found.overlap(each) for each in taken):
+        width = min(CARD_WIDEST_PX, room.width() - 2 * _BESIDE_PX)
+        height = height_for(width) if width >= _NARROWEST_PX else room.height()
+        if height + 2 * _BESIDE_PX <= room.height() * share:
+            top = room.top() + _BESIDE_PX if name in _LAST else room.bottom() + 1 - height - _BESIDE_PX
+            found = QRect(room.right() + 1 - width - _BESIDE_PX, top, width, height)
+            if not any(found.intersects(each) for each in taken):
                 return found
     return None
 
 
-def in_the_corner(area: Rect, height_for: Callable[[int], int]) -> Rect:
+def in_the_corner(area: QRect, height_for: Callable[[int], int]) -> QRect:
     """Lower right corner of ``area``, the fallback."""
-    width = max(_LEAST_PX, min(CARD_WIDEST_PX, area.width - 32))
+    width = max(_LEAST_PX, min(CARD_WIDEST_PX, area.width() - 32))
     height = height_for(width)
-    top = max(area.top, area.bottom - height - _FROM_EDGE_PX)
-    return Rect(area.right - width - _FROM_EDGE_PX, top, width, height)
-
-
-def _below_title(group: GroupPlace) -> Rect:
-    body = group.body
-    return Rect(body.left, body.top + TITLE_PX, body.width, max(0, body.height - TITLE_PX))
+    top = max(area.top(), area.bottom() + 1 - height - _FROM_EDGE_PX)
+    return QRect(area.right() + 1 - width - _FROM_EDGE_PX, top, width, height)
 
 
 _ALARMS_PX, _ALARMS_CHROME_PX = 680, 88
@@ -433,6 +424,7 @@ class AlarmList(Overlay):
         self._inner.setAutoFillBackground(False)
         head = layouts.hbox(None, label(tr("Active alarms"), "heading"), 1, log, self.close_button("alarms_close"))
         layouts.vbox(self.card, head, (area, 1), margins_px=(20, 14, 12, 16), spacing_px=10)
+        self.log_requested.connect(self.close_overlay)
         self._ages = QTimer(self, interval=1000)
         self._ages.timeout.connect(self._show_ages)
         console.state.alarms.changed.connect(self._on_alarms_changed)
@@ -494,10 +486,8 @@ class AlarmRow(QWidget):
             theme, tr("Dismiss"), icon="check", height_px=30, objectName="alarm_seen_to",
             toolTip=tr("This alarm does not clear automatically"), clicked=self._on_seen_to,
         )  # fmt: skip
-        row = layouts.hbox(self, margins_px=(2, 4, 0, 8), spacing_px=10)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addLayout(self._text, 1)
-        row.addWidget(self._dismiss_button, 0, Qt.AlignmentFlag.AlignTop)
+        parts = (self._icon, 0, layouts.TOP), (self._text, 1), (self._dismiss_button, 0, layouts.TOP)
+        layouts.hbox(self, *parts, margins_px=(2, 4, 0, 8), spacing_px=10)
 
     def _on_seen_to(self) -> None:
         if self._alarm is not None:

@@ -9,7 +9,7 @@ from caris_desktop.ui.focus_widget import activate_window, existing, give_focus_
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, WindowAbove, clear_place, windows_above
+from caris_desktop.ui.window_place import PLACE_CHANGES, InSight, WindowAbove, clear_place, windows_above
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -25,6 +25,7 @@ class Overlay(QWidget):
     """
 
     accessible_role = QAccessible.Role.Dialog
+    dims_window = True  # Tab stays inside
 
     def __init__(self, theme: Theme, window: QWidget, *, width_px: int) -> None:
         super().__init__(window)

@@ -18,8 +18,7 @@ from caris_desktop.scenario.scenario_model import PanelSettings, Scenario
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.pixmap_cache import PixmapCache
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import PixmapCache, Theme
 
 TITLE_HEIGHT_PX = 38
 PAUSE_MS = 1

@@ -5,9 +5,10 @@ first, then the layout, then those behind other tabs and those whose library is 
 placeholders stand in for them. A request for a panel creates all remaining ones at once.
 """
 
+import importlib
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,10 @@ from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario, panels_in
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, permitted
 from caris_desktop.ui.focus_widget import existing, focus_widget
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
-from caris_desktop.ui.layout.layout_tree import panels_in, permitted
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 
@@ -90,7 +90,10 @@ class PanelManager(QObject):
 
     def possible(self) -> tuple[PanelName, ...]:
         """All panels that this scenario offers, in its layout or not."""
-        return possible_panels(self._context.console.scenario)
+        console = self._context.console
+        possible = possible_panels(console.scenario)
+        # Nobody has confirmed what a recorded scenario names.
+        return possible if console.state.present.live else tuple(name for name in possible if name in PANELS)
 
     def is_open(self, name: PanelName) -> bool:
         return self._docks.is_open(name)
@@ -409,3 +412,69 @@ class PanelManager(QObject):
         # A panel that is deleted with the focus inside no longer tells anybody.
         for panel in filter(existing, (*self._panels.values(), *self._aside.values())):
             panel.set_active(new is not None and (panel is new or panel.isAncestorOf(new)))
+
+
+BEGIN_AFTER_MS = 3000
+EVERY_MS = 250
+
+MODULES: tuple[str, ...] = (
+    "caris_desktop.ui.start_dialog",
+    "caris_desktop.ui.set_up_page",
+    "caris_desktop.ui.gamepad_dialog",
+    *(f"caris_desktop.ui.panels.{spec.name}_panel" for spec in PANELS.values()),
+    # Dependencies of the dialogs below, in pieces that import quickly.
+    "caris_desktop.recording.session.recovery",
+    "caris_desktop.recording.annotation.annotation_store",
+    "caris_desktop.recording.pseudonyms",
+    "caris_desktop.recording.session_export",
+    "caris_desktop.robot.profile_proposal",
+    "caris_desktop.ui.sessions_window",
+    "caris_desktop.ui.export_dialog",
+    "caris_desktop.ui.robot_dialog",
+    "caris_desktop.scenario.document",
+    "caris_desktop.ui.scenario_editor.form",
+    "caris_desktop.ui.scenario_editor.editor_window",
+)
+
+
+class LateImports(QObject):
+    """Imports modules in idle turns of the event loop. ``busy`` says whether a stall would be felt now: a blocked GUI
+    thread ends teleoperation.
+    """
+
+    def __init__(
+        self,
+        busy: Callable[[], bool],
+        parent: QObject,
+        modules: Sequence[str] = MODULES,
+        *,
+        first: Sequence[Callable[[], object]] = (),
+    ) -> None:
+        """``first`` are called before the imports: they load menus and reopen windows."""
+        super().__init__(parent)
+        self._first = tuple(first)
+        self._busy = busy
+        self._modules = tuple(modules)
+        self._left: deque[Callable[[], object]] = deque()
+        self._next = QTimer(self, interval=EVERY_MS)
+        self._next.timeout.connect(self.import_next)
+        self._begin = QTimer(self, singleShot=True, interval=BEGIN_AFTER_MS)
+        self._begin.timeout.connect(self._next.start)
+
+    def begin(self) -> None:
+        """Start after the window is shown and idle."""
+        imports = (partial(importlib.import_module, module) for module in self._modules)
+        self._left = deque((*self._first, *imports))
+        self._begin.start()
+
+    def end(self) -> None:
+        self._begin.stop()
+        self._next.stop()
+
+    def import_next(self) -> None:
+        if self._busy():
+            return
+        if self._left:
+            self._left.popleft()()
+        if not self._left:
+            self.end()

@@ -2,12 +2,14 @@
 
 import importlib
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from caris_desktop.domain.intents import Permission
+from caris_desktop.domain.plugins import PluginError, find, load, watched
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.scenario.scenario_model import PanelName, Scenario
+from caris_desktop.scenario.scenario_model import PanelName, Scenario, plugin_panels
 
 _imported: set[str] = set()
 
@@ -39,13 +41,40 @@ class PanelSpec(Value):
         importlib.import_module(self.library)
         _imported.add(self.library)
 
-    def load(self) -> type[Any]:
-        """Import the panel's class, a Panel, at first use."""
+    def load(self) -> Any:
+        """Import the panel's class, or what makes it, at first use."""
         if self.library:
             self.import_library()
-        module = importlib.import_module(f"caris_desktop.ui.panels.{self.name}_panel")
-        panel: type[Any] = getattr(module, f"{self.name.capitalize()}Panel")
-        return panel
+        return load(find("panels", self.name))
+
+
+class PluginPanelSpec(PanelSpec):
+    """Row of the panel of a plug-in."""
+
+    @property
+    def plugin_name(self) -> str:
+        return self.name.removeprefix("plugin:")
+
+    def import_library(self) -> None:
+        """Import the plug-in in the background; the panel reports its failure."""
+        try:
+            with watched(plugin := find("panels", self.plugin_name)):
+                load(plugin)
+        except PluginError:
+            pass
+        _imported.add(self.library)
+
+    def load(self) -> Any:
+        module = importlib.import_module("caris_desktop.ui.plugin_panel")  # its base class imports this table
+        return partial(module.PluginPanel, self.plugin_name)
+
+
+class _PanelTable(dict[PanelName, PanelSpec]):
+    """Built-in panels; a row of another name is that of a plug-in."""
+
+    def __missing__(self, name: PanelName) -> PanelSpec:
+        title = name.removeprefix("plugin:").replace("_", " ").replace("-", " ").capitalize()
+        return PluginPanelSpec(name, title, "puzzle-piece", ("session", "people", "map"), library=name)
 
 
 _PLOTS = "pyqtgraph"
@@ -66,14 +95,15 @@ _ROWS = (
     PanelSpec("notes", QT_TR_NOOP("Notes"), "note-pencil", ("session", "people", "conversation", "map"), "notes"),
     PanelSpec("diagnostics", QT_TR_NOOP("Diagnostics"), "gauge", ("session", "people", "assistant", "drive", "map")),
 )
-PANELS: Mapping[PanelName, PanelSpec] = {spec.name: spec for spec in _ROWS}
+PANELS: Mapping[PanelName, PanelSpec] = _PanelTable({spec.name: spec for spec in _ROWS})
 
 
 def possible_panels(scenario: Scenario) -> tuple[PanelName, ...]:
-    """All panels that this scenario offers, in its layout or not."""
-    return tuple(
+    """All panels that this scenario offers, in its layout or not; of plug-ins, those in its layouts."""
+    built_in = tuple(
         name
         for name, spec in PANELS.items()
         if (spec.permission is None or getattr(scenario.permissions, spec.permission))
         and name not in scenario.panels_off
     )
+    return (*built_in, *(name for name in plugin_panels(scenario) if name not in scenario.panels_off))

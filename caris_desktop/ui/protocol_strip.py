@@ -1,9 +1,9 @@
-"""Protocol strip: current step, elapsed time, next step and branches in one line."""
+"""Protocol strip: the steps in a row, current step, elapsed time, next step and branches in one line."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import shorten
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QResizeEvent
@@ -21,7 +21,7 @@ from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPills, StepState
+from caris_desktop.ui.text_formatting import duration
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
@@ -33,6 +33,215 @@ if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
     from caris_desktop.recording.annotation.timeline_overview import SessionOverview
     from caris_desktop.recording.session.session_protocol import StepRecord
+from typing import Literal
+
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton
+
+from caris_desktop.domain.value_class import Value
+from caris_desktop.ui.theme import draw_icon
+
+StepState = Literal["done", "skipped", "now", "late", "ahead"]
+
+_PILL_PX = 28
+_PILL_SIDE_PX, _ICON_PX, _PILL_GAP_PX = 12, 14, 6
+_PILLS_LEAST_PX = 130
+_PILL_ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now": "", "late": "", "ahead": ""}
+
+
+class DisplayedStep(Value):
+    """Step as displayed; ``time`` is set for the current one."""
+
+    step_id: str
+    number: int
+    title: str
+    state: StepState
+    time: str = ""
+
+    @property
+    def text(self) -> str:
+        if self.state in ("done", "skipped"):
+            return self.title
+        return f"{self.number} {self.title}" + (f" · {self.time}" if self.time else "")
+
+    @property
+    def words(self) -> str:
+        """Accessible name and tooltip."""
+        named = {
+            "done": tr("Step {number}, {title}: done"),
+            "skipped": tr("Step {number}, {title}: skipped"),
+            "now": tr("Step {number}, {title}: now, {time}"),
+            "late": tr("Step {number}, {title}: now, {time}"),
+            "ahead": tr("Step {number}, {title}: not done yet"),
+        }[self.state]
+        return named.format(number=self.number, title=self.title, time=self.time)
+
+
+class StepPill(QAbstractButton):
+    """Button of a step. A click does not take the focus."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._step = DisplayedStep("", 0, "", "ahead")
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
+        theme.changed.connect(self.update)
+
+    @property
+    def step(self) -> DisplayedStep:
+        return self._step
+
+    def show_step(self, step: DisplayedStep) -> None:
+        if step != self._step:
+            self._step = step
+            self.setText(step.text)
+            self.setAccessibleName(step.words)
+            self.setToolTip(step.words)
+            self.update()
+
+    def wanted_px(self) -> int:
+        # Measured with wide digits, so that a running time moves nothing.
+        text = "".join("0" if sign.isdigit() else sign for sign in self.text())
+        width = QFontMetricsF(self._font()).horizontalAdvance(text) + 2 * _PILL_SIDE_PX + 1
+        width += _ICON_PX + 6 if _PILL_ICONS[self._step.state] else 0
+        return round(width + (_ICON_PX + 4 if self._is_present else 0))
+
+    def sizeHint(self) -> QSize:
+        return QSize(self.wanted_px(), _PILL_PX)
+
+    @property
+    def _is_present(self) -> bool:
+        return self._step.state in ("now", "late")
+
+    def _font(self) -> QFont:
+        return self._theme.font(
+            tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if self._is_present else tokens.WEIGHT_NORMAL
+        )
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme, state = self._theme, self._step.state
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        role = {"now": "blue", "late": "amber"}.get(state, "")
+        ground = theme.color(f"{role}_soft") if role else theme.color("raised_hover" if self.underMouse() else "raised")
+        ink = theme.color("text" if role else "dim")
+        painter.setPen(QPen(theme.color(role), 1.4) if role else Qt.PenStyle.NoPen)
+        painter.setBrush(ground)
+        rect = QRectF(self.rect()).adjusted(0.7, 0.7, -0.7, -0.7)
+        painter.drawRoundedRect(rect, rect.height() / 2, rect.height() / 2)
+        if self.hasFocus():
+            painter.setPen(QPen(theme.color("blue"), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), rect.height() / 2 - 1, rect.height() / 2 - 1)
+        self._draw_content(painter, ink)
+
+    def _draw_content(self, painter: QPainter, ink: QColor) -> None:
+        left, right, middle = float(_PILL_SIDE_PX), self.width() - float(_PILL_SIDE_PX), self.height() / 2
+        icon = _PILL_ICONS[self._step.state]
+        if icon:
+            draw_icon(painter, QRectF(left, middle - _ICON_PX / 2, _ICON_PX, _ICON_PX), icon, ink)
+            left += _ICON_PX + 6
+        if self._is_present:
+            right -= _ICON_PX
+            draw_icon(painter, QRectF(right + 2, middle - 6, 12, 12), "caret-down", ink)
+            right -= 4
+        font = self._font()
+        painter.setFont(font)
+        painter.setPen(ink)
+        text = QFontMetricsF(font).elidedText(self.text(), Qt.TextElideMode.ElideRight, right - left + 1)
+        painter.drawText(
+            QRectF(left, 0, right - left + 2, self.height()),
+            int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),
+            text,
+        )
+
+
+class StepPills(QWidget):
+    """Row of steps. ``chosen``: a step was clicked; ``list_requested``: the current one was."""
+
+    chosen = Signal(str)
+    list_requested = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("step_pills")
+        self._theme = theme
+        self._pills: list[StepPill] = []
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.setFixedHeight(_PILL_PX)
+        theme.changed.connect(self._arrange)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(_PILLS_LEAST_PX, _PILL_PX)
+
+    @property
+    def shown(self) -> list[DisplayedStep]:
+        """Visible steps, from left to right."""
+        return [pill.step for pill in self._pills if not pill.isHidden()]
+
+    @property
+    def buttons(self) -> Sequence[StepPill]:
+        """Buttons of all steps, in order."""
+        return tuple(self._pills)
+
+    @property
+    def present_px(self) -> int:
+        """Width of the current or first step."""
+        return self._pills[self._middle].wanted_px() if self._pills else 0
+
+    def show_steps(self, steps: Sequence[DisplayedStep]) -> None:
+        layouts.adjust_count(self._pills, len(steps), self._new_pill)
+        for pill, step in zip(self._pills, steps, strict=True):
+            pill.show_step(step)
+            pill.setObjectName(f"step_{step.number}")
+        self._arrange()
+
+    def _new_pill(self) -> StepPill:
+        pill = StepPill(self._theme, self)
+        pill.clicked.connect(lambda: self._on_clicked(pill))
+        return pill
+
+    @property
+    def _middle(self) -> int:
+        """Index of the current step; the first before the start, the last after the end."""
+        states = [pill.step.state for pill in self._pills]
+        present = [index for index, state in enumerate(states) if state in ("now", "late")]
+        return present[0] if present else 0 if "ahead" in states else len(states) - 1
+
+    def _arrange(self) -> None:
+        if not self._pills:
+            return
+        middle = self._middle
+        first = last = middle
+        widths_px = [pill.wanted_px() for pill in self._pills]
+        room = self.width() - widths_px[middle]
+        # Following steps take precedence over former ones.
+        for _ in self._pills:
+            for after in (True, False):
+                beside = last + 1 if after else first - 1
+                if 0 <= beside < len(widths_px) and room >= widths_px[beside] + _PILL_GAP_PX:
+                    room -= widths_px[beside] + _PILL_GAP_PX
+                    first, last = min(first, beside), max(last, beside)
+        left = 0
+        for index, pill in enumerate(self._pills):
+            pill.setVisible(first <= index <= last)
+            if first <= index <= last:
+                width = min(widths_px[index], self.width())
+                pill.setGeometry(left, 0, width, _PILL_PX)
+                left += width + _PILL_GAP_PX
+
+    def _on_clicked(self, pill: StepPill) -> None:
+        if pill.step.state in ("now", "late"):
+            self.list_requested.emit()
+        else:
+            self.chosen.emit(pill.step.step_id)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._arrange()
+
 
 HEIGHT_PX = 36
 _BUTTON_PX = 28
@@ -93,7 +302,7 @@ class ProtocolStrip(Bar, QWidget):
         self._clock.timeout.connect(self._show_time)
         state = console.state
         for value in (state.protocol, state.scenario):
-            value.changed.connect(self._on_changed)
+            value.changed.connect(self.refresh)
         actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
@@ -164,9 +373,6 @@ class ProtocolStrip(Bar, QWidget):
             else DisplayedStep(step.step_id, number, step.title, _state(step.step_id, status))
             for number, step in enumerate(self._console.scenario.protocol.steps, start=1)
         ]
-
-    def _on_changed(self, _value: object) -> None:
-        self.refresh()
 
     def _show_time(self) -> None:
         steps = self.shown_steps()
@@ -405,13 +611,6 @@ def _state(step_id: str, status: ProtocolStatus) -> StepState:
     return "skipped" if step_id in status.skipped else "done" if step_id in status.done else "ahead"
 
 
-def short_time(seconds: float) -> str:
-    """Duration as 0:42, 12:05, or 1:02:03 from an hour on."""
-    minutes, secs = divmod(max(0, int(seconds)), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{secs:02}" if hours else f"{minutes}:{secs:02}"
-
-
 def time_words(status: ProtocolStatus, now_ns: int) -> str:
     """Elapsed, expected and late time of the current step."""
     return _planned_and_actual(status.elapsed_s(now_ns), status.expected_s, status.late_s(now_ns))
@@ -429,11 +628,11 @@ def record_words(record: "StepRecord") -> str:
 
 def _planned_and_actual(actual_s: float, expected_s: float, late_s: float) -> str:
     if not expected_s:
-        return short_time(actual_s)
+        return duration(actual_s)
     if late_s < LATE_FROM_S:
-        return tr("{elapsed} of {expected}").format(elapsed=short_time(actual_s), expected=short_time(expected_s))
+        return tr("{elapsed} of {expected}").format(elapsed=duration(actual_s), expected=duration(expected_s))
     return tr("{elapsed} of {expected} · {late} late").format(
-        elapsed=short_time(actual_s), expected=short_time(expected_s), late=short_time(late_s)
+        elapsed=duration(actual_s), expected=duration(expected_s), late=duration(late_s)
     )
 
 
@@ -441,8 +640,6 @@ def is_late(status: ProtocolStatus, now_ns: int) -> bool:
     """Whether the step is late by a whole second, so that colour and text change together."""
     return status.late_s(now_ns) >= LATE_FROM_S
 
-
-Part = TypeVar("Part", bound=QWidget)
 
 MOST_DIGITS = 9
 _ROW_PX = 34
@@ -517,12 +714,12 @@ class StepsCard(_CardBelow):
         """``digits``: the next digit selects one of the first nine. ``live``: the checklist can be edited."""
         self._note.setText(note)
         self._note.setVisible(bool(note))
-        _fit(self._ticks, len(ticks), self._new_box)
+        layouts.adjust_count(self._ticks, len(ticks), self._new_box)
         for box, (item, on) in zip(self._ticks, ticks, strict=True):
             box.setText(item)
             box.setChecked(on)
             box.setEnabled(live)
-        _fit(self._rows, len(steps), self._new_row)
+        layouts.adjust_count(self._rows, len(steps), self._new_row)
         for row, step in zip(self._rows, steps, strict=True):
             row.setObjectName(f"step_row_{step.number}")
             row.set_key(str(step.number) if digits and step.number <= MOST_DIGITS else "")
@@ -566,7 +763,7 @@ class BranchesCard(_CardBelow):
         self._column = layouts.vbox(self, margins_px=8, spacing_px=4)
 
     def show_branches(self, texts: Sequence[str]) -> None:
-        _fit(self._rows, len(texts), self._new_row)
+        layouts.adjust_count(self._rows, len(texts), self._new_row)
         for number, (row, text) in enumerate(zip(self._rows, texts, strict=True), start=1):
             row.setObjectName(f"branch_{number}")
             row.set_label(text)
@@ -578,13 +775,3 @@ class BranchesCard(_CardBelow):
         row.clicked.connect(lambda: self.chosen.emit(number))
         self._column.addWidget(row)
         return row
-
-
-def _fit(parts: list[Part], count: int, new: Callable[[], Part]) -> None:
-    """Adjust the number of widgets, reusing existing ones."""
-    for part in parts[count:]:
-        part.hide()
-        part.deleteLater()
-    del parts[count:]
-    while len(parts) < count:
-        parts.append(new())

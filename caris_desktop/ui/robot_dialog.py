@@ -3,26 +3,20 @@
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QAccessible, QCloseEvent
-from PySide6.QtWidgets import QButtonGroup, QLabel, QLineEdit, QListWidget, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QSizePolicy, QTabWidget, QWidget
 
 from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.plugins import BUILT_IN
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import (
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    check_address,
-    profile_file_name,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import profile_file_name, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
@@ -33,45 +27,12 @@ from caris_desktop.ui.widgets.inputs import DropDown
 from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, restyle
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
+    from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.robot.discovery import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
 _LEAST_PAGE_PX = 200
 _USUAL_PORT = 9090
-
-
-class RobotExplorer(Protocol):
-    """Robot discovery outside the GUI thread. Call from the GUI thread; every call returns at once.
-
-    Callbacks follow in the GUI thread. ``cancel`` aborts the current operation without callback.
-    """
-
-    def explore(
-        self,
-        address: str,
-        *,
-        security: SecuritySettings,
-        progress: Callable[[str], None],
-        done: "Callable[[Exploration | UserFacingError], None]",
-    ) -> None:
-        """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
-
-    def check(
-        self,
-        profile: RobotProfile,
-        *,
-        progress: "Callable[[StreamCheck], None]",
-        done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
-    ) -> None:
-        """Check all streams of the profile; ``progress`` gets each result as it arrives."""
-
-    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
-        """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
-
-    def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
-        """Load the profile of that name."""
-
-    def cancel(self) -> None: ...
 
 
 def offer_lines(offer: RobotOffer) -> list[str]:
@@ -104,7 +65,7 @@ class RobotDialog(FormDialog):
 
     saved = Signal(object)
 
-    def __init__(self, theme: Theme, explorer: RobotExplorer, parent: QWidget, *, address: str = "") -> None:
+    def __init__(self, theme: Theme, explorer: "LiveRobotExplorer", parent: QWidget, *, address: str = "") -> None:
         super().__init__(theme, parent, "robot_dialog", tr("Connect another robot"))
         self._explorer = explorer
         self._found: Exploration | None = None
@@ -147,9 +108,12 @@ class RobotDialog(FormDialog):
             toolTip=tr("Custom certificates (wss://) and the rosauth secret"),
         )  # fmt: skip
         self._note = NoteLine(theme)
-        self._pages = QStackedWidget()
-        for page in (self._make_mapping_page(), self._make_offer_page()):
-            self._pages.addWidget(page)
+        self._summary = ElidedLabel(role="note")
+        self._summary.setObjectName("robot_summary")
+        self._pages = QTabWidget(documentMode=True)
+        self._pages.setObjectName("robot_pages")
+        self._pages.addTab(self._make_mapping_page(), tr("Mapping"))
+        self._pages.addTab(self._make_offer_page(), tr("Everything found"))
         self._pages.setMinimumHeight(_LEAST_PAGE_PX)
         self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         self._empty = label(
@@ -159,7 +123,6 @@ class RobotDialog(FormDialog):
             ),
             "note", wraps=True, alignment=Qt.AlignmentFlag.AlignCenter,
         )  # fmt: skip
-        self._tabs = self._make_tabs()
         self.name_field = line_edit(
             "robot_name", tr("Name of the robot"), placeholderText=tr("for example Lab robot"), maxLength=60,
             textChanged=self._refresh,
@@ -179,7 +142,7 @@ class RobotDialog(FormDialog):
             layouts.hbox(None, (self.address_field, 1), self._scan_button, self._security_toggle, spacing_px=8),
             self._security,
             self._note,
-            self._tabs,
+            self._summary,
             (self._pages, 1),
             (self._empty, 1),
             layouts.hbox(None, QLabel(tr("Name")), (self.name_field, 1), spacing_px=8),
@@ -195,23 +158,6 @@ class RobotDialog(FormDialog):
     def _button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
         return ActionButton(self._theme, text, objectName=f"robot_{name}", clicked=run, **{"height_px": 38, **more})
 
-    def _make_tabs(self) -> QWidget:
-        holder = QWidget()
-        self._summary = ElidedLabel(role="note")
-        self._summary.setObjectName("robot_summary")
-        row = layouts.hbox(holder, margins_px=0, spacing_px=6)
-        group = QButtonGroup(holder)
-        for page, text in enumerate((tr("Mapping"), tr("Everything found"))):
-            button = ActionButton(self._theme, text, role="ghost", objectName=f"robot_page_{page}", checkable=True)
-            button.setChecked(page == 0)
-            group.addButton(button, page)
-            row.addWidget(button)
-        group.idClicked.connect(self._pages.setCurrentIndex)
-        row.addSpacing(12)
-        row.addWidget(self._summary, 1)
-        holder.hide()
-        return holder
-
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
         self._start_label, self._namespace_label = label(tr("Start from"), "note"), label(tr("Namespace"), "note")
@@ -226,19 +172,17 @@ class RobotDialog(FormDialog):
         )
         rows = QWidget()
         self._column = layouts.vbox(rows, 1, margins_px=(0, 0, 8, 0), spacing_px=4)
-        layouts.vbox(page, choices, (list_area(rows), 1), margins_px=0, spacing_px=8)
+        layouts.vbox(page, choices, (list_area(rows), 1), margins_px=(0, 8, 0, 0), spacing_px=8)
         return page
 
     def _make_offer_page(self) -> QWidget:
         page = QWidget()
-        self._filter = QLineEdit(placeholderText=tr("Filter by name or type…"))
-        self._filter.setObjectName("robot_filter")
-        self._filter.setAccessibleName(tr("Filter"))
-        self._filter.textChanged.connect(self._fill_offer)
+        hint = tr("Filter by name or type…")
+        self._filter = line_edit("robot_filter", tr("Filter"), placeholderText=hint, textChanged=self._fill_offer)
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
         self.offer_list.setAccessibleName(tr("Everything the robot offers"))
-        layouts.vbox(page, self._filter, (self.offer_list, 1), margins_px=0)
+        layouts.vbox(page, self._filter, (self.offer_list, 1), margins_px=(0, 8, 0, 0))
         return page
 
     # ---- commands
@@ -461,7 +405,7 @@ class RobotDialog(FormDialog):
 
     def _refresh(self) -> None:
         found = self._found is not None
-        self._tabs.setVisible(found)
+        self._summary.setVisible(found)
         self._pages.setVisible(found)
         self._empty.setVisible(not found)
         named = found and bool(self._title())
@@ -518,9 +462,8 @@ class NoteLine(QWidget):
         self.setObjectName("robot_note")
         self._icon = IconLabel(theme)
         self._label = label(wraps=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
-        row = layouts.hbox(self, margins_px=(2, 2, 0, 2), spacing_px=8)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addWidget(self._label, 1)
+        parts = (self._icon, 0, layouts.TOP), (self._label, 1)
+        layouts.hbox(self, *parts, margins_px=(2, 2, 0, 2), spacing_px=8)
         self.hide()
 
     @property

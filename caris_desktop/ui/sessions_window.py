@@ -4,14 +4,15 @@ import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import (
     QAbstractListModel,
+    QAbstractTableModel,
     QItemSelectionModel,
     QModelIndex,
-    QPersistentModelIndex,
     QRect,
     QRectF,
     QSize,
@@ -22,9 +23,8 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import (
     QCloseEvent,
-    QColor,
     QDesktopServices,
-    QFont,
+    QFocusEvent,
     QFontMetrics,
     QKeyEvent,
     QPainter,
@@ -32,34 +32,211 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
+    QHeaderView,
     QListView,
     QSplitter,
     QStyle,
-    QStyledItemDelegate,
     QStyleOptionViewItem,
+    QTableView,
     QWidget,
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.session_table import (
-    COLUMNS,
-    SessionsModel,
-    SessionTable,
-    lacks_words,
-    local_time,
-    natural_order,
-    purpose_title,
-)
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
+from caris_desktop.ui.text_formatting import local_time, purpose_title
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, add_clear_button
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.rows import Index, RowDelegate
+
+_ROW_PX = 36
+
+
+class Column(Value):
+    """Column of the session table: title, cell text and sort key."""
+
+    title: str
+    text: Callable[[SessionEntry], str]
+    key: Callable[[SessionEntry], Any]
+    width_px: int
+    right: bool = False
+
+
+def state_words(entry: SessionEntry) -> str:
+    """Completeness of the session, its purpose and problems."""
+    complete = tr("Copy") if entry.copy_of else tr("Complete")
+    lost = tr("Incomplete") if entry.losses else complete
+    parts = [lost if entry.closed_properly else tr("Ended unexpectedly")]
+    if entry.purpose:
+        parts.insert(0, purpose_title(entry.purpose))
+    if entry.problems:
+        parts.append(tr("1 problem") if entry.problems == 1 else tr("%n problems", "", entry.problems))
+    return " · ".join(parts)
+
+
+def lacks_words(entry: SessionEntry) -> str:
+    """Missing data of a session, and whether it is a copy; usually empty."""
+    copy = (
+        tr("This is a copy of {session} and is not counted again.").format(session=entry.copy_of)
+        if entry.copy_of
+        else ""
+    )
+    return " ".join((copy, *map(tr, entry.losses))).strip()
+
+
+def natural_order(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Natural sort key: P7 before P12."""
+    parts = re.findall(r"\d+|\D+", text.casefold())
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
+
+
+def _doubtful(entry: SessionEntry) -> bool:
+    return not entry.closed_properly or bool(entry.losses or entry.copy_of)
+
+
+def _text_column(title: str, field: str, width_px: int) -> Column:
+    text = attrgetter(field)
+    return Column(title, text, lambda entry: natural_order(text(entry)), width_px)
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column(QT_TR_NOOP("Date"), lambda entry: local_time(entry.started_utc), attrgetter("started_utc"), 148),
+    _text_column(QT_TR_NOOP("Participant"), "participant", 100),
+    _text_column(QT_TR_NOOP("Condition"), "condition", 88),
+    _text_column(QT_TR_NOOP("Trial"), "trial", 62),
+    _text_column(QT_TR_NOOP("Recording"), "recording", 90),
+    _text_column(QT_TR_NOOP("Wizard"), "wizard", 84),
+    _text_column(QT_TR_NOOP("Scenario"), "scenario", 160),
+    Column(
+        QT_TR_NOOP("Length"), lambda entry: text_formatting.elapsed(entry.duration_s), attrgetter("duration_s"), 76,
+        right=True,
+    ),
+    Column(
+        QT_TR_NOOP("Size"), lambda entry: text_formatting.size(entry.size_bytes), attrgetter("size_bytes"), 86,
+        right=True,
+    ),
+    Column(QT_TR_NOOP("Marks"), lambda entry: str(entry.marks), attrgetter("marks"), 66, right=True),
+    Column(QT_TR_NOOP("State"), state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
+)  # fmt: skip
+
+
+class SessionsModel(QAbstractTableModel):
+    """Sessions as rows, sorted by one column."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._entries: list[SessionEntry] = []
+        self.recording: Path | None = None
+        self._column, self._order = 0, Qt.SortOrder.DescendingOrder
+
+    def show_entries(self, entries: Sequence[SessionEntry]) -> None:
+        self.beginResetModel()
+        self._entries = list(entries)
+        self._sort()
+        self.endResetModel()
+
+    def entry(self, row: int) -> SessionEntry:
+        return self._entries[row]
+
+    def row_of(self, folder: Path) -> int | None:
+        return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._entries)
+
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        entry, column = self._entries[index.row()], COLUMNS[index.column()]
+        goes_on = entry.folder == self.recording
+        if role == Qt.ItemDataRole.DisplayRole:
+            return tr("Recording now") if goes_on and column.title == "State" else column.text(entry)
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return _alignment(column)
+        if role == Qt.ItemDataRole.ToolTipRole:
+            lines = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
+            return "\n".join(part for part in lines if part)
+        if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
+            return icon("warning", self._theme.color("amber"), 16) if _doubtful(entry) and not goes_on else None
+        return None
+
+    def headerData(
+        self, section: int, orientation: Qt.Orientation, role: int = int(Qt.ItemDataRole.DisplayRole)
+    ) -> Any:
+        if orientation == Qt.Orientation.Horizontal:
+            if role == Qt.ItemDataRole.DisplayRole:
+                return tr(COLUMNS[section].title)
+            if role == Qt.ItemDataRole.TextAlignmentRole:
+                return _alignment(COLUMNS[section])
+        return None
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        self.layoutAboutToBeChanged.emit()
+        before = self.persistentIndexList()
+        entries = [(self._entries[index.row()], index.column()) for index in before]
+        self._column, self._order = column, order
+        self._sort()
+        rows = {id(entry): row for row, entry in enumerate(self._entries)}
+        self.changePersistentIndexList(before, [self.index(rows[id(entry)], place) for entry, place in entries])
+        self.layoutChanged.emit()
+
+    def _sort(self) -> None:
+        key = COLUMNS[self._column].key
+        self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
+
+
+def _alignment(column: Column) -> int:
+    side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
+    return int(side | Qt.AlignmentFlag.AlignVCenter)
+
+
+class SessionTable(QTableView):
+    """Table view with selection of whole rows; Enter chooses."""
+
+    chosen = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSortingEnabled(True)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.setTabKeyNavigation(False)
+        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.verticalHeader().hide()
+        # Fixed row height: Qt need not measure 500 rows.
+        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.verticalHeader().setDefaultSectionSize(_ROW_PX)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setStretchLastSection(True)
+        header.setSectionsClickable(True)
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        super().focusInEvent(event)
+        # Qt makes the first row current without showing it, and moves on from there.
+        chosen = self.selectionModel().hasSelection()
+        if event.reason() != Qt.FocusReason.MouseFocusReason and not chosen and self.currentIndex().isValid():
+            self.selectRow(self.currentIndex().row())
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.chosen.emit()
+        else:
+            super().keyPressEvent(event)
+
 
 _TYPING_PAUSE_MS = 120
 _WIDEST_FILTER_PX = 240
@@ -107,8 +284,8 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.table.setObjectName("sessions_table")
         self.table.setAccessibleName(tr("Sessions"))
         self.table.chosen.connect(self._replay)
-        self.table.doubleClicked.connect(self._on_row_chosen)
-        self.table.selectionModel().selectionChanged.connect(self._on_selection_changed)
+        self.table.doubleClicked.connect(lambda index: self._open_replay(self.model.entry(index.row()).folder))
+        self.table.selectionModel().selectionChanged.connect(self._show_buttons)
         for number, column in enumerate(COLUMNS):
             heading_px = self.table.horizontalHeader().sectionSizeHint(number)
             self.table.setColumnWidth(number, max(column.width_px, heading_px))
@@ -123,8 +300,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
         self.hit_list.setUniformItemSizes(True)
         self.hit_list.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.hit_list.doubleClicked.connect(self._on_hit_chosen)
-        self.hit_list.chosen.connect(self._on_hit_entered)
+        self.hit_list.activated.connect(self._on_hit_chosen)
         self.hit_list.selectionModel().currentChanged.connect(self._on_hit_current)
         self._found = label("", "note", objectName="sessions_found")
         self._hits_part = QWidget()
@@ -281,9 +457,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
         return [self.model.entry(row) for row in rows]
 
-    def _on_selection_changed(self, _selected: object, _deselected: object) -> None:
-        self._show_buttons()
-
     def _show_buttons(self) -> None:
         chosen = self.selected()
         count = len(chosen)
@@ -307,9 +480,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         if len(chosen) == 1:
             self._open_replay(chosen[0].folder)
 
-    def _on_row_chosen(self, index: QModelIndex) -> None:
-        self._open_replay(self.model.entry(index.row()).folder)
-
     def _open_replay(self, folder: Path, at_ns: int | None = None) -> None:
         if folder != self.model.recording:
             self._library.open_replay(folder, at_ns=at_ns)
@@ -324,11 +494,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             row = self.model.row_of(self.hits.hit(index.row()).folder)
             if row is not None:
                 self.table.selectRow(row)
-
-    def _on_hit_entered(self) -> None:
-        index = self.hit_list.currentIndex()
-        if index.isValid():
-            self._on_hit_chosen(index)
 
     def _on_export(self) -> None:
         folders = [entry.folder for entry in self.selected()]
@@ -407,21 +572,21 @@ class HitsModel(QAbstractListModel):
     def session_name(self, folder: Path) -> str:
         return self._whose.get(folder, folder.name)
 
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._rows)
 
-    def canFetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> bool:
+    def canFetchMore(self, _parent: Index) -> bool:
         return self._requested_places <= len(self._hits) < sum(self._places.values())
 
-    def fetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> None:
+    def fetchMore(self, _parent: Index) -> None:
         self._requested_places += PLACES_A_PAGE
         self.more_requested.emit(self._requested_places)
 
-    def flags(self, index: QModelIndex | QPersistentModelIndex) -> Qt.ItemFlag:
+    def flags(self, index: Index) -> Qt.ItemFlag:
         is_hit = isinstance(self._rows[index.row()], SearchHit)
         return super().flags(index) if is_hit else Qt.ItemFlag.ItemNeverHasChildren
 
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         hit = self._rows[index.row()]
         if isinstance(hit, Path):
             is_text = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
@@ -472,71 +637,49 @@ def kind_words(kind: str) -> str:
     return tr(_KINDS[kind]) if kind in _KINDS else kind.replace("_", " ").capitalize()
 
 
-class HitDelegate(QStyledItemDelegate):
+class HitDelegate(RowDelegate):
     """Result row: time, speaker, and excerpt with highlighted matches; or the heading of a session."""
 
     _TIME_PX, _KIND_PX = 62, 100
 
     def __init__(self, theme: Theme, model: HitsModel, view: QListView) -> None:
-        super().__init__(view)
-        self._theme = theme
+        super().__init__(theme, view)
         self._model = model
 
-    def sizeHint(self, _option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return QSize(300, 32)
 
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
-        hit: SearchHit | None = index.data(_HIT_ROLE)
-        rect: QRect = option.rect
-        theme = self._theme
-        painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         if option.state & QStyle.StateFlag.State_Selected:
+            painter.save()
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(theme.color("blue_soft"))
-            painter.drawRoundedRect(QRectF(rect).adjusted(0, 1, 0, -1), 6, 6)
-        inside = rect.adjusted(10, 0, -8, 0)
+            painter.setBrush(self._theme.color("blue_soft"))
+            painter.drawRoundedRect(QRectF(option.rect).adjusted(0, 1, 0, -1), 6, 6)
+            painter.restore()
+        super().paint(painter, option, index)
+
+    def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
+        hit: SearchHit | None = index.data(_HIT_ROLE)
+        inside, font = rect.adjusted(10, 0, -8, 0), self._theme.font
         if hit is None:
-            font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-            _draw_elided(painter, inside, str(index.data()), font, theme.color("text"))
-        else:
-            left = inside.left() + _INDENT_PX
-            for text, width in (
-                (text_formatting.elapsed(hit.session_s), self._TIME_PX),
-                (kind_words(hit.kind), self._KIND_PX),
-            ):
-                box = QRect(left, rect.top(), width - 8, rect.height())
-                _draw_elided(painter, box, text, theme.font(tokens.STATUS_PX), theme.color("dim"))
-                left += width
-            self._draw_snippet(painter, QRect(left, rect.top(), inside.right() - left, rect.height()), hit.snippet)
-        painter.restore()
-
-    def _draw_snippet(self, painter: QPainter, rect: QRect, snippet: str) -> None:
-        theme, left = self._theme, rect.left()
-        for text, found in _pieces(snippet, self._model.pattern):
-            font = theme.font(tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL)
-            metrics = QFontMetrics(font)
-            room = rect.right() - left
-            if room <= 0:
-                return
-            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
-            painter.setFont(font)
-            painter.setPen(theme.color("blue" if found else "text"))
-            painter.drawText(
-                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), elided
-            )
-            left += metrics.horizontalAdvance(elided)
-            if elided != text:
-                return
-
-
-def _draw_elided(painter: QPainter, box: QRect, text: str, font: QFont, color: QColor) -> None:
-    painter.setFont(font)
-    painter.setPen(color)
-    elided = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
-    painter.drawText(box, int(Qt.AlignmentFlag.AlignVCenter), elided)
+            self.paint_text(painter, inside, str(index.data()), font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "text")
+            return
+        inside.setLeft(inside.left() + _INDENT_PX)
+        for text, width in (
+            (text_formatting.elapsed(hit.session_s), self._TIME_PX),
+            (kind_words(hit.kind), self._KIND_PX),
+        ):
+            box = QRect(inside.left(), rect.top(), width - 8, rect.height())
+            self.paint_text(painter, box, text, font(tokens.STATUS_PX), "dim")
+            inside.setLeft(inside.left() + width)
+        for text, found in _pieces(hit.snippet, self._model.pattern):
+            weight = tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL
+            size_px = tokens.STATUS_PX + 1
+            taken = self.paint_text(painter, inside, text, font(size_px, weight), "blue" if found else "text")
+            if taken < QFontMetrics(font(size_px, weight)).horizontalAdvance(text):
+                return  # elided
+            inside.setLeft(inside.left() + taken)
 
 
 def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
@@ -555,28 +698,18 @@ def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]
 
 
 class HitList(QListView):
-    """List view in which Enter chooses and keys skip the headings."""
-
-    chosen = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.chosen.emit()
-        else:
-            super().keyPressEvent(event)
+    """List view in which keys skip the headings."""
 
     def moveCursor(self, action: QAbstractItemView.CursorAction, modifiers: Qt.KeyboardModifier) -> QModelIndex:
         index = super().moveCursor(action, modifiers)
         return index.siblingAtRow(index.row() + 1) if _is_heading(index) else index
 
-    def currentChanged(
-        self, current: QModelIndex | QPersistentModelIndex, before: QModelIndex | QPersistentModelIndex
-    ) -> None:
+    def currentChanged(self, current: Index, before: Index) -> None:
         super().currentChanged(current, before)
         above = current.sibling(current.row() - 1, 0)
         if _is_heading(above):
             self.scrollTo(above)  # keys do not reach it, so nothing else would show it
 
 
-def _is_heading(index: QModelIndex | QPersistentModelIndex) -> bool:
+def _is_heading(index: Index) -> bool:
     return index.isValid() and not index.flags() & Qt.ItemFlag.ItemIsEnabled

@@ -1,21 +1,22 @@
 """Start dialog of a recording: trial details and a summary of what will be recorded. All fields are optional."""
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QFormLayout, QLineEdit, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import Value
+from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
 from caris_desktop.ui import layouts, text_formatting
+from caris_desktop.ui.event_messages import checks_summary, open_checks
 from caris_desktop.ui.form_dialog import FormDialog
-from caris_desktop.ui.preflight.preflight_list import PreflightList
-from caris_desktop.ui.preflight.preflight_words import open_words, summary
+from caris_desktop.ui.preflight_list import PreflightList
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
@@ -33,20 +34,6 @@ PRACTICE = QT_TR_NOOP("practice")
 _FORM_PX, _CHECKS_PX, _SIDE_PX = 560, 400, 24
 _WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
 _FRAME_PX = QSize(16, 56)  # window decoration of the desktop
-
-
-class RecordingOffer(Value):
-    """Recording options shown in the dialog.
-
-    ``microphones``: names of sound inputs, empty for the system default; ``microphone``: the selected one, None for
-    none. ``chooses_microphone`` is False if no microphone of this computer records the participant.
-    """
-
-    permissions: Permissions = field(default_factory=Permissions)
-    microphones: Sequence[str] = ()
-    microphone: str | None = None
-    blur: BlurSettings = field(default_factory=BlurSettings)
-    chooses_microphone: bool = True
 
 
 def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
@@ -93,22 +80,19 @@ class StartDialog(FormDialog):
     of open checks.
 
     The dialog opens before the suggestions are read from disk; :meth:`know` fills them in without changing typed text,
-    and an earlier start waits for them. ``microphone_chosen(str | None)`` precedes it if another microphone was
-    selected.
+    and an earlier start waits for them.
     """
 
     begin = Signal(object, bool)
-    microphone_chosen = Signal(object)
 
-    def __init__(
-        self, theme: Theme, parent: QWidget, offer: RecordingOffer | None = None, console: WizardConsole | None = None
-    ) -> None:
-        """Without ``console`` there are no checks."""
+    def __init__(self, theme: Theme, parent: QWidget, console: WizardConsole) -> None:
         super().__init__(theme, parent, "start_dialog", tr("Start recording"))
         self._prefilled = TrialDetails()
         self._last: TrialDetails | None = None
         self._known = self._wants_last = self._wants_begin = False
-        self._offer = offer or RecordingOffer()
+        self._console = console
+        self._scenario = console.scenario
+        self._microphone_before = console.microphone
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         hint = tr(
             "These details identify the recording. Use codes rather than names for participants. Fields may be empty."
@@ -159,9 +143,9 @@ class StartDialog(FormDialog):
         head = label(tr("Who takes part?"), "heading"), label(hint, "note", wraps=True)
         amount = layouts.vbox(None, self._contents, self._room, spacing_px=4)
         sides.addLayout(layouts.vbox(None, *head, form, amount, 1, spacing_px=14), 1)
-        self._checks = None if console is None else console.state.preflight
-        if console is not None and console.state.preflight.value:
-            checks = self._make_checks(console)
+        self._checks = console.state.preflight
+        if self._checks.value:
+            checks = self._make_checks()
             if beside:
                 checks.setFixedWidth(_CHECKS_PX)
             else:
@@ -204,29 +188,29 @@ class StartDialog(FormDialog):
         self._room.setText(expected)
 
     def sizeHint(self) -> QSize:
-        least_px = _WITH_CHECKS_PX if self._checks is not None and self._checks.value else 0
+        least_px = _WITH_CHECKS_PX if self._checks.value else 0
         size = QSize(_FORM_PX, least_px).expandedTo(super().sizeHint())
         return size.boundedTo(self._room_px - _FRAME_PX)
 
-    def _make_checks(self, console: WizardConsole) -> QWidget:
+    def _make_checks(self) -> QWidget:
         """List of preflight checks, next to the trial details."""
         side = QWidget()
         self._summary = label("", "note", wraps=True, objectName="start_summary")
-        heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, console)
+        heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, self._console)
         layouts.vbox(side, heading, self._summary, (checks, 1), margins_px=0, spacing_px=8)
-        console.state.preflight.changed.connect(self._show_checks)
-        self._show_checks(console.state.preflight.value)
+        self._checks.changed.connect(self._show_checks)
+        self._show_checks(self._checks.value)
         return side
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
-        self._summary.setText(summary(checks))
+        self._summary.setText(checks_summary(checks))
         if not self._question.isHidden():
             self._ask_about_open(checks)
 
     def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
         """Name the checks that are not passed."""
         waits = any(check.asks_first for check in checks)
-        self._question.setText(open_words(checks) if waits else "")
+        self._question.setText(open_checks(checks) if waits else "")
         self._question.setVisible(waits)
         if waits:
             self._begin_button.set_label(tr("Record anyway"), role="amber")
@@ -234,29 +218,31 @@ class StartDialog(FormDialog):
             self._begin_button.set_label(tr("Start recording"), role="primary")
 
     def _make_microphones(self) -> DropDown | None:
-        """Microphone selection, if the scenario records sound."""
-        offer = self._offer
-        if not (offer.permissions.audio_recording and offer.chooses_microphone):
+        """Microphone selection, if the scenario records sound from one of this computer."""
+        robot, current = self._console.state.robot.value, self._microphone_before
+        by_computer = participant_microphone(self._scenario, robot) == "computer"
+        if not (self._scenario.permissions.audio_recording and by_computer):
             return None
+        present = self._console.microphones()
         choice = DropDown(self._theme, "start_microphone", tr("Microphone"))
         choice.setMinimumHeight(36)
         choice.addItem(tr("No microphone"), None)
-        names = list(offer.microphones)
-        if offer.microphone is not None and offer.microphone not in names:
-            names.append(offer.microphone)  # unplugged, but still the selected one
+        names = list(present)
+        if current is not None and current not in names:
+            names.append(current)  # unplugged, but still the selected one
         for name in names:
             # Until the inputs are listed, none can be reported missing.
-            unplugged = bool(name and offer.microphones and name not in offer.microphones)
+            unplugged = bool(name and present and name not in present)
             template = tr("{microphone} (not plugged in)") if unplugged else "{microphone}"
             choice.addItem(template.format(microphone=text_formatting.microphone(name)), name)
-        choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
+        choice.setCurrentIndex(0 if current is None else 1 + names.index(current))
         choice.currentIndexChanged.connect(self._show_contents)
         return choice
 
     @property
     def microphone(self) -> str | None:
         """Selected sound input; None for none."""
-        chosen: str | None = self._offer.microphone if self._microphone is None else self._microphone.currentData()
+        chosen: str | None = self._microphone_before if self._microphone is None else self._microphone.currentData()
         return chosen
 
     def use_last_trial(self) -> None:
@@ -272,7 +258,7 @@ class StartDialog(FormDialog):
         )
 
     def _show_contents(self, _index: int = 0) -> None:
-        self._contents.setText(contents_sentence(self._offer.permissions, self.microphone, self._offer.blur))
+        self._contents.setText(contents_sentence(self._scenario.permissions, self.microphone, self._scenario.blur))
 
     def _on_again(self, again: bool) -> None:
         """Fill in the previous session's details for a repeated trial."""
@@ -299,14 +285,14 @@ class StartDialog(FormDialog):
             self._again.blockSignals(False)
 
     def _finish(self, details: TrialDetails) -> None:
-        checks = () if self._checks is None else self._checks.value
+        checks = self._checks.value
         waits = any(check.asks_first for check in checks)
         if waits and self._question.isHidden():
             self._ask_about_open(checks)
             return
         self.accept()
-        if self._microphone is not None and self.microphone != self._offer.microphone:
-            self.microphone_chosen.emit(self.microphone)
+        if self._microphone is not None and self.microphone != self._microphone_before:
+            self._console.do(intents.UseMicrophone(self.microphone))
         self.begin.emit(details, waits)
 
     def _on_begin(self) -> None:

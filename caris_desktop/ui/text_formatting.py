@@ -1,10 +1,14 @@
-"""Numbers, times, states and events formatted for the wizard."""
+"""Numbers, times, states, events and values of robot controls formatted for the wizard."""
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping
 from datetime import datetime
 
+from PySide6.QtWidgets import QWidget
+
 from caris_desktop.domain import clock, events, person_marks
+from caris_desktop.domain.control_definitions import ControlValue, RobotControl
 from caris_desktop.domain.recorded_messages import retranslate
 from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
@@ -12,10 +16,25 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
 from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_number
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 UNDER_WAY = ("requested", "active")
 """States of a navigation goal in progress."""
+
+_PURPOSES = {"practice": QT_TR_NOOP("Practice")}
+
+
+def local_time(started_utc: str) -> str:
+    """Local time as 2026-11-21 14:02; anything else unchanged."""
+    try:
+        return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
+    except ValueError:
+        return started_utc
+
+
+def purpose_title(purpose: str) -> str:
+    """Title of a session's purpose; an unknown purpose unchanged."""
+    return tr(_PURPOSES[purpose]) if purpose in _PURPOSES else purpose
 
 
 def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
@@ -480,3 +499,48 @@ def microphone_facts(microphone: MicrophoneStatus) -> str:
 def microphone(name: str) -> str:
     """Microphone name; the system default if empty."""
     return name or tr("System’s default microphone")
+
+
+def value_words(control: RobotControl, value: ControlValue) -> str:
+    """The value as shown to the wizard: on, 62 %, Welcome."""
+    for choice in control.choices:
+        if choice.value == value and isinstance(choice.value, bool) == isinstance(value, bool):
+            return choice.title
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, str):
+        return value or "empty"
+    number = f"{value:.{_decimals(control, value)}f}"
+    return f"{number} {control.unit}" if control.unit else number
+
+
+def question_for(control: RobotControl, value: ControlValue) -> str:
+    if control.kind == "button":
+        return f"{control.title}?"
+    if control.kind == "toggle":
+        return f"{control.title} {'on' if value else 'off'}?"
+    return f"{control.title}: {value_words(control, value)}?"
+
+
+def _decimals(control: RobotControl, value: float) -> int:
+    if control.step > 0:
+        return len(f"{control.step:.3f}".rstrip("0").partition(".")[2])
+    if control.kind != "slider" and float(value).is_integer():
+        return 0
+    size = control.highest - control.lowest if control.kind == "slider" else abs(value)
+    return 0 if size >= 100 else 1 if size >= 10 else 2
+
+
+_LINE_CHARACTERS = 70
+
+
+def wrapped_tip(*texts: str) -> str:
+    """Wrap ``texts``, each on a new line; empty ones are skipped. Qt wraps HTML tooltips only, these are plain text."""
+    lines = "\n".join(filter(None, texts)).splitlines()
+    return "\n".join(textwrap.fill(line, _LINE_CHARACTERS) for line in lines)
+
+
+def set_wrapped_tip(widget: QWidget, *texts: str) -> None:
+    """Set the tooltip; the accessible description has no line breaks."""
+    widget.setToolTip(wrapped_tip(*texts))
+    widget.setAccessibleDescription(" ".join(filter(None, texts)))

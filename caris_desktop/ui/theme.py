@@ -1,15 +1,100 @@
-"""Theme: Fusion palette, font and style sheet from the tokens, by the system's or the user's choice."""
+"""Theme: Fusion palette, font and style sheet from the tokens, by the system's or the user's choice; pixmap cache;
+Phosphor icons, drawn in any colour.
+"""
 
-from collections.abc import Callable
+import json
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Literal
 
-from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalette
+from PySide6.QtCore import QObject, QPointF, QRectF, QSize, QSizeF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QFont,
+    QFontDatabase,
+    QGuiApplication,
+    QIcon,
+    QPaintEngine,
+    QPainter,
+    QPalette,
+    QPixmap,
+)
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
+
+AT_MOST = 96
+"""Maximum number of cached pixmaps, least recently used first out; a label takes a few kilobytes."""
+
+
+class PixmapCache:
+    """Pixmap cache by key, for one widget or a class of widgets. GUI thread only.
+
+    Text and round corners are the most expensive part of a video frame with boxes, names and labels, and would be
+    repainted with each frame of the robot's camera.
+    """
+
+    def __init__(self, at_most: int = AT_MOST) -> None:
+        self._at_most = at_most
+        self._pixmaps: OrderedDict[Hashable, QPixmap] = OrderedDict()
+
+    def clear(self) -> None:
+        """Clear the cache, for example after a change of theme."""
+        self._pixmaps.clear()
+
+    def draw(
+        self, painter: QPainter, at: QPointF, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]
+    ) -> None:
+        """Paint the cached pixmap at ``at``; other parameters as for :meth:`picture`."""
+        if size.isEmpty():
+            return
+        engine = painter.paintEngine()
+        if engine is not None and engine.type() is not QPaintEngine.Type.Raster:
+            # A vector paint device, such as one that tests inspect, gets the drawing itself.
+            painter.save()
+            painter.translate(at)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            paint(painter)
+            painter.restore()
+            return
+        ratio = _ratio_of(painter)
+        # Aligned to whole pixels, the copy stays sharp.
+        where = QPointF(round(at.x() * ratio) / ratio, round(at.y() * ratio) / ratio)
+        painter.drawPixmap(where, self.picture(painter, size, key, paint))
+
+    def picture(self, painter: QPainter, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]) -> QPixmap:
+        """Pixmap of this ``key``; on a cache miss ``paint`` draws it, from (0, 0) to ``size``.
+
+        ``key`` must hold everything the pixmap depends on except its size and the screen scale of ``painter``.
+        """
+        ratio = _ratio_of(painter)
+        full_key = (key, size.width(), size.height(), ratio)
+        picture = self._pixmaps.get(full_key)
+        if picture is None:
+            picture = QPixmap((size * ratio).toSize().expandedTo(QSize(1, 1)))
+            picture.setDevicePixelRatio(ratio)
+            picture.fill(Qt.GlobalColor.transparent)
+            onto = QPainter(picture)
+            onto.setRenderHint(QPainter.RenderHint.Antialiasing)
+            paint(onto)
+            onto.end()
+            self._pixmaps[full_key] = picture
+            if len(self._pixmaps) > self._at_most:
+                self._pixmaps.popitem(last=False)
+        else:
+            self._pixmaps.move_to_end(full_key)
+        return picture
+
+
+def _ratio_of(painter: QPainter) -> float:
+    device = painter.device()
+    return device.devicePixelRatioF() if device is not None else 1.0
+
 
 ThemeChoice = Literal["system", "dark", "light"]
 CHOICES: tuple[ThemeChoice, ...] = ("system", "dark", "light")
@@ -346,3 +431,69 @@ def _tones(colors: Colors) -> str:
         rules.append(f'QWidget[role="popup"][tone="{tone}"] {{ border-color: {line}; }}')
         rules.append(f'QWidget[role="banner"][tone="{tone}"] {{ background: {ground}; border: 1px solid {line}; }}')
     return "\n".join(rules)
+
+
+logger = logging.getLogger(__name__)
+
+
+@lru_cache(maxsize=1)
+def _font_files() -> tuple[Path, Path] | None:
+    """Glyphs and names of qtawesome's font; its Python code is not imported, which would delay the first window by 0.25
+    s.
+    """
+    spec = find_spec("qtawesome")
+    if spec is None or spec.origin is None:
+        return None
+    fonts = Path(spec.origin).parent / "fonts"
+    glyphs, names = sorted(fonts.glob("phosphor-*.ttf")), sorted(fonts.glob("phosphor-charmap-*.json"))
+    return (glyphs[-1], names[-1]) if glyphs and names else None
+
+
+@lru_cache(maxsize=1)
+def _charmap() -> dict[str, str]:
+    files = _font_files()
+    return {} if files is None else json.loads(files[1].read_text())
+
+
+@lru_cache(maxsize=1)
+def _family() -> str | None:
+    files = _font_files()
+    font_id = -1 if files is None else QFontDatabase.addApplicationFont(str(files[0]))
+    if font_id < 0:
+        logger.warning("no Phosphor font found in qtawesome; the window shows no icons")
+        return None
+    return QFontDatabase.applicationFontFamilies(font_id)[0]
+
+
+@lru_cache(maxsize=32)
+def _font(family: str, size_px: int) -> QFont:
+    font = QFont(family)
+    font.setPixelSize(size_px)
+    return font
+
+
+def icon_names() -> frozenset[str]:
+    return frozenset(_charmap())
+
+
+def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -> None:
+    """Draw the icon ``name`` centred in ``rect``; nothing if the font is missing."""
+    family, code = _family(), _charmap().get(name)
+    if family is None or code is None:
+        return
+    painter.save()
+    painter.setFont(_font(family, max(1, round(min(rect.width(), rect.height())))))
+    painter.setPen(QColor(color))
+    painter.drawText(rect.translated(QPointF(0, 0)), Qt.AlignmentFlag.AlignCenter, chr(int(code, 16)))
+    painter.restore()
+
+
+def icon(name: str, color: QColor | str, size_px: int = 18) -> QIcon:
+    pixmap = QPixmap(2 * size_px, 2 * size_px)
+    pixmap.setDevicePixelRatio(2.0)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
+    painter.end()
+    return QIcon(pixmap)

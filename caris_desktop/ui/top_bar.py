@@ -1,8 +1,10 @@
-"""Top bar: scenario, trial, recording, marks, and the emergency stop button, which is always visible."""
+"""Top bar: scenario, trial, recording, marks, and the emergency stop button, which is always visible,
+also over modal dialogs.
+"""
 
-from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QMenu, QSizePolicy, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
@@ -14,11 +16,11 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.input.drive_input_filter import STOPS
+from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
+from caris_desktop.ui.text_formatting import set_wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import ElidedLabel, label
-from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 44
 ROOMY_PX = 1500
@@ -79,14 +81,6 @@ class TrialLabel(ElidedLabel):
         return QSize(min(full.width(), _TRIAL_PX[1]), full.height())
 
 
-def _find_words(level: int) -> str:
-    return tr("Find anything") if level == 0 else tr("Find") if level < _FIND_SHRINKS else ""
-
-
-def _error_words(level: int) -> str:
-    return tr("Wizard error") if level < _ERROR_SHRINKS else ""
-
-
 class TopBar(Bar, QWidget):
     """Top bar. Emits requests for the window; reads the session's state itself."""
 
@@ -117,7 +111,7 @@ class TopBar(Bar, QWidget):
         self._record_menu.setObjectName("record_menu")
         self._pause = self._record_menu.addAction(tr("Pause recording"))
         self._pause.triggered.connect(self._on_pause)
-        self._record_menu.addAction(tr("Stop recording")).triggered.connect(self._on_stop_recording)
+        self._record_menu.addAction(tr("Stop recording"), lambda: console.do(intents.StopRecording()))
         self._paused_ns: int | None = None
         self.mark_button = ActionButton(theme, tr("Mark"), icon="bookmark-simple", objectName="mark_button")
         self.mark_button.bind(actions, "mark")
@@ -160,9 +154,9 @@ class TopBar(Bar, QWidget):
             self, self._replay_badge, self.scenario_button, self._trial, self.record_button, *marks, self._find, 1,
             self.window_button, self.emergency, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX,
         )  # fmt: skip
-        console.state.recording.changed.connect(self._on_recording_changed)
+        console.state.recording.changed.connect(self._refresh)
         console.state.drive.changed.connect(self._on_drive_changed)
-        console.state.marks.changed.connect(self._on_marks_changed)
+        console.state.marks.changed.connect(self._show_interval)
         actions.keys_changed.connect(self._show_interval)
         actions.keys_changed.connect(self._make_room)
         console.state.event_happened.connect(self._on_event)
@@ -239,15 +233,11 @@ class TopBar(Bar, QWidget):
         while level < _ALL_GIVE_WAY and self._needed_px(level) > self.width():
             level += 1
         trial = self._trial.text() if level < _TRIAL_GOES else ""
-        for button, text, name, goes in (
-            (self._find, _find_words(level), tr("Find anything"), _FIND_GOES),
-            (self.mark_button, self._mark_words(level), tr("Mark"), _MARK_GOES),
-            (self._error, _error_words(level), tr("Wizard error"), _ERROR_GOES),
-        ):
+        for button, text, name, visible in self._shrinking(level):
             if button.text() != text:
                 button.set_label(text)
                 button.setAccessibleName(name)
-            button.setVisible(level < goes and (button is self._find or self._marks_session))
+            button.setVisible(visible)
         self._trial.setVisible(bool(trial))
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)
 
@@ -259,20 +249,21 @@ class TopBar(Bar, QWidget):
             widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         if self._trial.text() and level < _TRIAL_GOES:
             widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
-        if level < _FIND_GOES:
-            widths.append(self._find.width_with(_find_words(level)))
-        if self._marks_session:
-            widths += [self.mark_button.width_with(self._mark_words(level))] if level < _MARK_GOES else []
-            widths += [self._error.width_with(_error_words(level))] if level < _ERROR_GOES else []
+        widths += [button.width_with(text) for button, text, _name, visible in self._shrinking(level) if visible]
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 
-    @property
-    def _marks_session(self) -> bool:
-        """Whether there is a session to mark: the buttons for marks come with the recording."""
-        return not self._in_replay and self._console.state.recording.value.state in IN_SESSION
-
-    def _mark_words(self, level: int) -> str:
-        return "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")
+    def _shrinking(self, level: int) -> tuple[tuple[ActionButton, str, str, bool], ...]:
+        """Buttons that shrink: text at this level, accessible name, and whether each is visible."""
+        find = tr("Find anything") if level == 0 else tr("Find") if level < _FIND_SHRINKS else ""
+        mark = "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")
+        error = tr("Wizard error") if level < _ERROR_SHRINKS else ""
+        # Whether there is a session to mark: the buttons for marks come with the recording.
+        marks = not self._in_replay and self._console.state.recording.value.state in IN_SESSION
+        return (
+            (self._find, find, tr("Find anything"), level < _FIND_GOES),
+            (self.mark_button, mark, tr("Mark"), marks and level < _MARK_GOES),
+            (self._error, error, tr("Wizard error"), marks and level < _ERROR_GOES),
+        )
 
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
@@ -295,9 +286,6 @@ class TopBar(Bar, QWidget):
     def _on_pause(self) -> None:
         self._console.do(intents.PauseRecording(paused=self._console.state.recording.value.state == "recording"))
 
-    def _on_stop_recording(self) -> None:
-        self._console.do(intents.StopRecording())
-
     def _on_event(self, event: object) -> None:
         if isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn":
             self._unmark.start()
@@ -306,9 +294,6 @@ class TopBar(Bar, QWidget):
         elif isinstance(event, RecordingPaused):
             self._paused_ns = event.stamp_ns if event.paused else None
             self._refresh()
-
-    def _on_marks_changed(self, _status: object) -> None:
-        self._show_interval()
 
     def _on_end_interval(self) -> None:
         going_on = self._console.state.marks.value.open
@@ -343,9 +328,6 @@ class TopBar(Bar, QWidget):
     def _on_mark_shown(self) -> None:
         self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")
         self._make_room()
-
-    def _on_recording_changed(self, _status: RecordingStatus) -> None:
-        self._refresh()
 
     def _refresh(self) -> None:
         status: RecordingStatus = self._console.state.recording.value
@@ -398,3 +380,51 @@ def as_menu(theme: Theme, parent: QWidget, name: str) -> QMenu:
     menu.setFont(theme.font())
     menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
     return menu
+
+
+class EmergencyOverDialogs(QObject):
+    """Shows a copy of the red button in a small window owned by the dialog, over the blocked one.
+
+    A modal dialog blocks every window except its own children. Where the system does not let a program position its
+    windows (Wayland), it appears where the compositor puts it.
+    """
+
+    pressed = Signal()
+
+    def __init__(self, theme: Theme, button: ActionButton, hold: DriveInputFilter) -> None:
+        super().__init__(button)
+        self._theme = theme
+        self._button = button
+        self._copy: QWidget | None = None
+        hold.windows_changed.connect(self._follow)
+
+    def _follow(self) -> None:
+        dialog = QApplication.activeModalWidget()
+        if self._copy is not None and (dialog is None or self._copy.parentWidget() is not dialog):
+            self._copy.hide()
+            self._copy.deleteLater()
+            self._copy = None
+        if dialog is not None and self._copy is None and self._button.isVisible():
+            self._copy = self._copy_for(dialog)
+
+    def _copy_for(self, dialog: QWidget) -> QWidget:
+        flags = Qt.WindowType.Tool | Qt.WindowType.FramelessWindowHint | Qt.WindowType.WindowDoesNotAcceptFocus
+        window = QWidget(dialog, flags)
+        window.setObjectName("emergency_over_dialog")
+        window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+        window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
+        window.destroyed.connect(self._on_copy_destroyed)
+        button = ActionButton(self._theme, self._button.text(), key=self._button.key, role="danger", height_px=40)
+        button.setObjectName("emergency_stop_copy")
+        button.setToolTip(self._button.toolTip())
+        button.pressed.connect(self.pressed)
+        layout = layouts.vbox(window, margins_px=0)
+        layout.addWidget(button)
+        window.resize(self._button.size())
+        window.move(self._button.mapToGlobal(QPoint(0, 0)))
+        window.show()
+        return window
+
+    def _on_copy_destroyed(self) -> None:
+        # Destroyed together with its dialog.
+        self._copy = None

@@ -1,22 +1,59 @@
-"""Menus of the top bar: scenarios, window and panels, robots. Filled on opening."""
+"""Menus of the top bar: scenarios, window and panels, robots. Filled on opening, from parts of the window."""
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialogButtonBox, QMenu, QWidget
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.ui.app_context import THEME_WORDS, AppContext
-from caris_desktop.ui.menu_choices import add_choices, add_switch
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.domain.value_class import Value
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import layouts
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.background_reading import Remembered
+from caris_desktop.ui.form_dialog import FormDialog
+from caris_desktop.ui.layout_store import LayoutStore
+from caris_desktop.ui.menus import add_choices, add_sound_menus, add_switch
+from caris_desktop.ui.observer_window import SEES_WORDS, ObserverWindows
+from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.sound_menu import add_sound_menus
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.text_formatting import in_menu
-from caris_desktop.ui.theme import CHOICES, SCALES, Theme
+from caris_desktop.ui.theme import CHOICES, SCALES, Theme, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
-from caris_desktop.ui.window_appearance import scale_words
+from caris_desktop.ui.widgets.labels import label, line_edit
+from caris_desktop.ui.window_appearance import Appearance, scale_words
+from caris_desktop.ui.windows import GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
+
+THEME_WORDS: dict[ThemeChoice, str] = {
+    "system": QT_TR_NOOP("Same as system"),
+    "dark": QT_TR_NOOP("Dark"),
+    "light": QT_TR_NOOP("Light"),
+}
+
+
+class AppContext(Value):
+    console: WizardConsole
+    theme: Theme
+    actions: Actions
+    panels: PanelManager
+    layout: LayoutStore
+    sessions: SessionWindows
+    robots: RobotChooser
+    gamepad: GamepadWindow
+    editor: ScenarioEditorWindow
+    wizards: WizardProfiles
+    scenarios: Remembered  # of ScenarioChoice
+    open_scenario: Callable[[Path], None]
+    appearance: Appearance
+    practise: Callable[[], None]
+    scenario_files: ScenarioFiles
+    observers: ObserverWindows
+    close_window: Callable[[], None]
+
 
 _LONGEST_TITLE = 80
 _UNDO_AND_REDO = 2
@@ -35,7 +72,8 @@ class WindowMenus:
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts
         self._window = window
-        parts.layout.changed.connect(self._show_layout_state)
+        layout = parts.layout
+        layout.changed.connect(lambda: top_bar.show_layout(changed=layout.is_unsaved, locked=layout.locked))
         parts.layout.title_requested.connect(self._ask_title)
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
@@ -109,9 +147,6 @@ class WindowMenus:
         close = tr("Close the console") if parts.console.state.present.live else tr("Close this window")
         menu.addAction(close, parts.close_window)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
-
-    def _show_layout_state(self) -> None:
-        self._top_bar.show_layout(changed=self._parts.layout.is_unsaved, locked=self._parts.layout.locked)
 
     def open_robot_menu(self) -> None:
         self._parts.robots.fill_menu(self._robot_menu)
@@ -190,33 +225,24 @@ class WindowMenus:
         dialog.show()
 
 
-class TitleDialog(VisualTabOrderMixin, QDialog):
-    """Title dialog of a new scenario. Non-modal: the robot can be driven and stopped meanwhile."""
+class TitleDialog(FormDialog):
+    """Title dialog of a new scenario."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("layout_title_dialog")
-        self.setWindowTitle(tr("Save as another scenario"))
-        column = QVBoxLayout(self)
-        words = QLabel(
-            tr(
-                "The new scenario contains everything in this one, with the current panel layout. What should it be "
-                "called?"
-            )
+        super().__init__(theme, parent, "layout_title_dialog", tr("Save as another scenario"))
+        words = tr(
+            "The new scenario contains everything in this one, with the current panel layout. What should it be called?"
         )
-        words.setWordWrap(True)
-        self._field = QLineEdit(maxLength=_LONGEST_TITLE)
-        self._field.setObjectName("layout_title_field")
-        self._field.setAccessibleName(tr("Title of the new scenario"))
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel)
-        self._save = buttons.button(QDialogButtonBox.StandardButton.Save)
-        self._save.setEnabled(False)
-        self._field.textChanged.connect(lambda text: self._save.setEnabled(bool(text.strip())))
+        save = buttons.button(QDialogButtonBox.StandardButton.Save)
+        save.setEnabled(False)
+        self._field = line_edit(
+            "layout_title_field", tr("Title of the new scenario"), maxLength=_LONGEST_TITLE,
+            textChanged=lambda text: save.setEnabled(bool(text.strip())),
+        )  # fmt: skip
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)
-        for part in (words, self._field, buttons):
-            part.setFont(theme.font())
-            column.addWidget(part)
+        layouts.vbox(self, label(words, wraps=True), self._field, buttons)
         self.setMinimumWidth(420)
         self.finished.connect(self.deleteLater)
 

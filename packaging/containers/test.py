@@ -263,7 +263,7 @@ class Container:
 
 
 def request_perceive(folder: Path) -> str:
-    from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
+    from caris_desktop.perception.backends.remote_detector import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
     from tests.perception.shared_data import bus_picture
 
     os.environ |= {SERVER_VARIABLE: "wss://127.0.0.1:8768", TOKEN_VARIABLE: (folder / "token").read_text().strip()}
@@ -275,8 +275,8 @@ def request_perceive(folder: Path) -> str:
 
 
 def request_camera(folder: Path) -> str:
+    from caris_desktop.perception.cameras.camera_process import open_camera
     from caris_desktop.perception.cameras.camera_source import parse_camera
-    from caris_desktop.perception.cameras.open_camera import open_camera
 
     os.environ["CAMERA_TOKEN"] = (folder / "token").read_text().strip()
     address = "https://127.0.0.1:8090/video.mjpg#token-env=CAMERA_TOKEN"

@@ -2,9 +2,9 @@
 
 ``python -m tests.app.console_child ADDRESS STUDY_DIR`` runs the tour guide; CARIS_TEST_WITH_MODELS adds its language
 model and recogniser. Commands: ``press KEY``, ``release KEY``, ``record``, ``end_recording``, ``pause``, ``go_on``,
-``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``, ``stop``, ``place X_M Y_M NAME``, ``robot
-NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``, ``unplug`` (the virtual gamepad),
-``quit``. It prints a JSON line whenever the displayed state changes.
+``mark LABEL``, ``open SCENARIO_FILE``, ``say TEXT``, ``photo``, ``export``, ``go X_M Y_M``, ``stop``, ``place X_M Y_M
+NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``, ``unplug`` (the
+virtual gamepad), ``quit``. It prints a JSON line whenever the displayed state changes.
 """
 
 import json
@@ -65,6 +65,8 @@ class Driver(StateReporter):
             self._run.console.do(intents.Mark(rest))
         elif word == "open":
             self._run.console.do(intents.OpenScenario(Path(rest)))
+        elif word == "say":
+            self._run.console.do(intents.Say(line.partition(" ")[2], "typed"))
         elif word == "photo":
             self._run.console.do(intents.TakePhoto())
         elif word == "export":
@@ -131,6 +133,7 @@ class Driver(StateReporter):
             "guard": state.drive.value.guard,
             "moving": self._run.window.hold.motion.moving,
             "held": state.drive.value.emergency_stop,
+            "conversation": [turn.text for turn in state.transcript.value if turn.said],
             "going_on": state.going_on.value.state,
             "going_on_card": self._run.window.findChild(QWidget, "going_on_card").isVisible(),
             "path": state.path.freshness,

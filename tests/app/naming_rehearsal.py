@@ -5,22 +5,22 @@
 
 import sys
 
-from caris_desktop.app import rehearsal
+from caris_desktop.app import rehearse_command
 from caris_desktop.app.command_table import run
 from caris_desktop.domain import intents
 from caris_desktop.people.presence import PersonRow
 
 
-class NamingRehearsal(rehearsal.Rehearsal):
+class NamingRehearsal(rehearse_command.Rehearsal):
     """Rehearsal with a name: in People, in a sentence, in a question and in a note."""
 
     name = ""
 
-    def _meet(self) -> rehearsal.Script:
+    def _meet(self) -> rehearse_command.Script:
         yield from super()._meet()
         person = next(row.person_id for row in self._state.persons.value if row.here)
         self._console.do(intents.NamePerson(person, self.name))
-        yield rehearsal.Until("they are named", lambda: any(row.name == self.name for row in self._everybody()))
+        yield rehearse_command.Until("they are named", lambda: any(row.name == self.name for row in self._everybody()))
         person = next(row.person_id for row in self._everybody() if row.name == self.name)
         self._console.do(intents.NotePerson(person, f"{self.name} came by bicycle."))
 
@@ -28,15 +28,15 @@ class NamingRehearsal(rehearsal.Rehearsal):
         everybody: tuple[PersonRow, ...] = self._state.everybody.value
         return everybody
 
-    def _greet(self) -> rehearsal.Script:
+    def _greet(self) -> rehearse_command.Script:
         yield from super()._greet()
         yield from self._say_by_typing(f"Nice to meet you, {self.name}.")
         speech = self._state.speech
-        yield rehearsal.Until("the name is spoken", lambda: speech.value.now is not None)
-        yield rehearsal.Until("the name was said", lambda: speech.value.now is None, 30.0)
+        yield rehearse_command.Until("the name is spoken", lambda: speech.value.now is not None)
+        yield rehearse_command.Until("the name was said", lambda: speech.value.now is None, 30.0)
 
 
 if __name__ == "__main__":
     NamingRehearsal.name = sys.argv[1]
-    rehearsal.Rehearsal = NamingRehearsal  # type: ignore[misc]
+    rehearse_command.Rehearsal = NamingRehearsal  # type: ignore[misc]
     sys.exit(run(["rehearse", *sys.argv[2:]]))

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from tests.app.test_misbehaving_model import WAYS
 from tests.conversation.models.served import Served, sends, serving
 from tests.support.certificates import Authority

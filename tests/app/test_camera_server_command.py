@@ -19,8 +19,8 @@ import pytest
 from caris_desktop.app import command_table
 from caris_desktop.domain import clock
 from caris_desktop.domain.certificates import fingerprint_of
+from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, parse_camera
-from caris_desktop.perception.cameras.open_camera import open_camera
 from tests.perception.cameras.running_camera import write_video
 from tests.support.certificates import Authority
 

@@ -28,7 +28,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.live import bodies
 

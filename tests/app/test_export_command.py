@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import export_command, statistics_command
-from caris_desktop.recording import session_export
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session_export import (
     ExportContext,
@@ -27,6 +26,7 @@ from caris_desktop.recording.session_export import (
     export_session,
     remove_partial_exports,
     run_exports,
+    whole_folder,
 )
 from caris_desktop.recording.studies import sessions_command
 from tests.recording.minute import everything, make_session
@@ -317,7 +317,10 @@ def test_the_process_shows_how_far_it_is_and_what_it_wrote(study: Path, tmp_path
     assert problem.startswith("bad: ")
 
 
-def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(study: Path, tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # of the killed process, which leaves its temporary folder
     request = ExportRequest(tuple(sorted((study / "sessions").iterdir())) * 4, ("csv",), tmp_path / "out")
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe(duplex=True)
@@ -330,13 +333,14 @@ def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(study: Path, 
         assert isinstance(ours.recv(), ExportProgress), "it was over before it could be killed"
     process.kill()
     process.join(10)
-    (tmp_path / "out" / ".mine").mkdir()
-    (tmp_path / "out" / ".mine.exporting").mkdir()
-    running = session_export._new_partial(tmp_path / "out" / "running")
-    remove_partial_exports(tmp_path / "out")
-    left = [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
-    assert sorted(left) == sorted([tmp_path / "out" / ".mine", tmp_path / "out" / ".mine.exporting", running])
-    whole = [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")]
+    (out / ".mine").mkdir()
+    (out / ".mine.exporting").mkdir()
+    with whole_folder(out / "running", request.sessions[0]) as running:
+        remove_partial_exports(out)
+        found = list(out.iterdir())
+    left = [path for path in found if path.name.startswith(".")]
+    assert sorted(left) == sorted([out / ".mine", out / ".mine.exporting", running])
+    whole = [path for path in found if not path.name.startswith(".")]
     assert whole
     assert all(is_whole(path) for path in whole)
 
@@ -442,7 +446,7 @@ def test_damaged_values_are_no_silent_part_of_an_export(
 ) -> None:
     path = study / "sessions" / "one" / "events.mcap"
     content = bytearray(path.read_bytes())
-    index = mcap_chunks.read_index(path)
+    index = events_file.read_index(path)
     content[int(index.offsets[index.count // 2]) + 100] ^= 0xFF
     path.write_bytes(content)
     assert run(path.parent, "--to", "csv", tmp_path / "out") == 1

@@ -16,8 +16,8 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.ui.first_use.first_use import SET_UP_KEY
-from caris_desktop.ui.first_use.set_up_page import SetUpPage
+from caris_desktop.ui.first_use import SET_UP_KEY
+from caris_desktop.ui.set_up_page import SetUpPage
 
 Start = Callable[..., ConsoleRun]
 

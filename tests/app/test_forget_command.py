@@ -15,7 +15,7 @@ from caris_desktop.app import forget_command
 from caris_desktop.app.composition import speech_history_file
 from caris_desktop.people.people_store import About, PeopleStore, StoredEmbeddings
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.search_terms import all_of
+from caris_desktop.recording.forgetting.text_erasure import all_of
 from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, make_study, portrait
 
 FACE = portrait()

@@ -16,8 +16,8 @@ import pytest
 from mcap.reader import make_reader
 
 from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken
 
 NAME = "Philippa Quartermaine"
 _VOICE_SAMPLES = 400

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import get_args
@@ -78,12 +79,20 @@ def test_a_killed_program_offers_to_continue_and_records_nothing_before_all_is_c
     killed = start()
     first = _recording(killed)
     _stored(killed, first)
+    killed.send_command("say Welcome to our lab.")
+    killed.wait_until_shown(conversation=["Welcome to our lab."])
+    time.sleep(2.0)  # the record is saved each second
     killed.kill()
 
     console = start()
-    console.wait_until_shown(timeout_s=120.0, link="connected", going_on="offered", going_on_card=True, held=False)
+    console.wait_until_shown(
+        timeout_s=120.0, link="connected", going_on="offered", going_on_card=True, held=False, conversation=[]
+    )
     console.send_command("click going_on_yes")
-    console.wait_until_shown(going_on="unconfirmed", going_on_card=True, held=True, drive_allowed=False)
+    console.wait_until_shown(
+        going_on="unconfirmed", going_on_card=True, held=True, drive_allowed=False,
+        conversation=["Welcome to our lab."],
+    )  # fmt: skip
     refusal = "Starting a recording is not possible before this is confirmed again"
     for way in ("click record_button", "record"):
         told = len(console.shown["problems"])
@@ -96,7 +105,9 @@ def test_a_killed_program_offers_to_continue_and_records_nothing_before_all_is_c
     console.wait_until_shown(going_on="confirmed", held=True)
     console.send_command("click going_on_start")
     _begin_anyway(console)
-    console.wait_until_shown(recording="recording", going_on_card=False, held=True)
+    console.wait_until_shown(
+        recording="recording", going_on_card=False, held=True, conversation=["Welcome to our lab."]
+    )
     second = Path(console.shown["session"])
     assert console.close() == 0
 

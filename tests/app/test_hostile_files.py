@@ -19,8 +19,8 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.printable import printable
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, scenario_references
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_records import CHUNK, CHUNK_BODY, record
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import CHUNK, CHUNK_BODY, record
 from caris_desktop.robot.profile import user_robots_dir
 from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, read_bundle, unpack, write_bundle
 from tests.app.test_mutated_files import mutated
@@ -132,8 +132,8 @@ def test_a_block_that_would_take_a_gigabyte_is_refused_before_it_does(size_bytes
         + struct.pack("<Q", 4)
         + b"\x28\xb5\x2f\xfd"
     )
-    with pytest.raises(mcap_chunks.DamagedBlockError):
-        mcap_chunks.decompress(record(CHUNK, body))
+    with pytest.raises(events_file.DamagedBlockError):
+        events_file.decompress(record(CHUNK, body))
 
 
 def test_json_without_end_is_wrong_and_not_the_end() -> None:

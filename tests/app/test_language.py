@@ -18,9 +18,9 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import use_translator
-from caris_desktop.live.adapters import Adapters
+from caris_desktop.live.console import Adapters
 from caris_desktop.scenario.scenario_file import parse_scenario
-from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
+from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
 from tests.app.test_replay_command import _arguments
 from tests.support.recorded_session import make_session
 from tests.support.trial_language_check import StudyTexts, is_unmarked

@@ -16,7 +16,7 @@ from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LlmExchange, UtteranceChanged
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.status import AssistantStatus

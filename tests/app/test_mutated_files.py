@@ -15,7 +15,8 @@ from typing import NoReturn
 import pytest
 
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
-from caris_desktop.robot.profile import ProfileError, read_profile
+from caris_desktop.robot.profile import read_profile
+from caris_desktop.robot.profile_model import ProfileError
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 
 SHIPPED = [*sorted(layouts_dir().glob("*.yaml")), *sorted((resources_dir() / "robots").glob("*.yaml"))]

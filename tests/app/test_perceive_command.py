@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from caris_desktop.app import perceive_command
-from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
+from caris_desktop.perception.backends.remote_detector import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
 from tests.perception.shared_data import INT8_WEIGHTS, bus_picture, needs_int8_weights
 
 TOKEN = "a token of enough characters"

@@ -15,11 +15,15 @@ from caris_desktop.domain.shipped import layouts_dir
 from tests.support.plugins import ROOT, built_and_installed, install
 
 
-def rehearsed(folder: Path, tracker: str, model: str, python_path: str) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+def rehearsed(
+    folder: Path, tracker: str, model: str, panel: str, python_path: str
+) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """Header and events of a rehearsal of the tour with these plug-ins."""
     text = (layouts_dir() / "tour-guide.yaml").read_text("utf-8")
     text, found = re.subn(r"^( +)model: embedded$", rf"\1model: plugin:{model}", text, flags=re.MULTILINE)
     assert found == 1 and "perception:" not in text
+    text, found = re.subn(r"tabs: \[", f'tabs: ["plugin:{panel}", ', text, count=1)
+    assert found == 1
     scenario = folder / "tour.yaml"
     scenario.write_text(f"{text}\nperception: {{tracker: {tracker}}}\n", "utf-8")
     words = ["rehearse", scenario, "--out", folder / "out", "--accept-named"]
@@ -39,15 +43,14 @@ def rehearsed(folder: Path, tracker: str, model: str, python_path: str) -> tuple
 @pytest.mark.long
 @pytest.mark.timeout(500)
 def test_the_examples_take_part_and_are_named_in_the_session(tmp_path: Path) -> None:
-    paths = [
-        built_and_installed(ROOT / "examples" / "plugins" / name, tmp_path / name)
-        for name in ("nearest-tracker", "phrase-model")
-    ]
-    header, messages = rehearsed(tmp_path, "nearest", "phrases", os.pathsep.join(paths))
+    examples = [ROOT / "examples" / "plugins" / name for name in ("nearest-tracker", "phrase-model", "turn-timer")]
+    path = built_and_installed(tmp_path, *examples)
+    header, messages = rehearsed(tmp_path, "nearest", "phrases", "turn_timer", path)
     used = {name: version for name, version in header["software"].items() if name.startswith("plug-in")}
     assert used == {
         "plug-in tracker nearest": "caris-nearest-tracker 1.0",
         "plug-in language model phrases": "caris-phrase-model 1.0",
+        "plug-in panel turn_timer": "caris-turn-timer 1.0",
     }
     assert any(message["boxes"] for message in messages["/people"])
     (exchange,) = (each for each in messages["/event/llm_exchange"] if each["purpose"] == "question")
@@ -77,11 +80,24 @@ class Plugin:
     def answer(self, messages, **how):
         raise KeyError("no idea")
 """
+    panel = """
+from PySide6.QtWidgets import QLabel
+from caris_desktop.domain.events import UtteranceChanged
+
+class Plugin(QLabel):
+    caris_interface = 1
+
+    def __init__(self, console):
+        super().__init__("Last words")
+        console.follow(UtteranceChanged, lambda utterance: self.setText(utterance.words))
+"""
+    install(packages, "panels", "blank", panel, monkeypatch)
     install(packages, "trackers", "stuck", tracker, monkeypatch)
     install(packages, "language_models", "lost", model, monkeypatch)
-    header, messages = rehearsed(tmp_path, "stuck", "lost", os.pathsep.join((str(packages), str(ROOT))))
+    header, messages = rehearsed(tmp_path, "stuck", "lost", "blank", os.pathsep.join((str(packages), str(ROOT))))
     told = [each["what"] for each in messages.get("/event/problem", ()) if "switched off" in each["what"]]
     assert any("lost (lab-lost 2.1)" in what for what in told), told
+    assert any("blank (lab-blank 2.1) was switched off: it raised AttributeError" in what for what in told), told
     assert max(each["twist"]["forward_mps"] for each in messages["/event/command_sent"]) > 0.1
     assert any(message["boxes"] for message in messages["/people"]), "the built-in tracker took over"
     assert header["reason"] == "wizard"

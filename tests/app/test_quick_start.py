@@ -6,9 +6,9 @@ import sys
 
 _STARTS = """
 import builtins, gc, json, linecache, sys
-from caris_desktop.app import quick_start
+from caris_desktop.app import command_table
 plain = builtins.__import__
-quick_start.begin()
+command_table.begin_quickly()
 from caris_desktop.app import console_command
 print(json.dumps({
     "plain": builtins.__import__ is plain, "collects": gc.isenabled(), "read": len(linecache.cache),

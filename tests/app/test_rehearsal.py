@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app.rehearsal import SAYS
+from caris_desktop.app.rehearse_command import SAYS
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.shipped import layouts_dir

@@ -2,8 +2,8 @@
 
 import pytest
 
-from caris_desktop.app.rehearsal import RehearsedParticipant
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.app.rehearse_command import RehearsedParticipant
+from caris_desktop.live.background_worker import AsyncioThread
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 

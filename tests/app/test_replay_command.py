@@ -35,8 +35,8 @@ from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.recorder_messages import StartRecording
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.session_header import SessionHeader
-from caris_desktop.recording.session.session_reader import SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError, SessionHeader
+from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import scenario_text
 from caris_desktop.scenario.scenario_model import Place, Scenario

@@ -7,15 +7,14 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import saved_settings
+from caris_desktop.app import user_settings
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import PracticeStatus
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import user_scenarios_dir
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Scenario, SplitNode, layout_text
-from caris_desktop.ui.layout.layout_tree import panels_in
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Scenario, SplitNode, layout_text, panels_in
 
 ARRANGED: LayoutNode = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("speak")), (0.7, 0.3))
 
@@ -122,5 +121,5 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
 
 
 def test_the_reason_of_a_failed_save_is_reported_without_a_number() -> None:
-    told = saved_settings._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
+    told = user_settings._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
     assert told.meaning == "tour.yaml cannot be written (Permission denied)."

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import QByteArray, QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app.saved_settings import SavedSettings
+from caris_desktop.app.user_settings import SavedSettings
 from caris_desktop.domain.failure import UserFacingError
 
 INI = QSettings.Format.IniFormat

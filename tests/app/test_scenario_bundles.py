@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import composition
-from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
+from caris_desktop.app.composition import import_conflicts, import_scenario, share_scenario
 from caris_desktop.conversation.face.face_file import load_face, save_face
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName

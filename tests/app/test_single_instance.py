@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.app import single_instance
+from caris_desktop.app import console_command
 from caris_desktop.app.composition import StartError
 from tests.support.polling import wait_for
 
@@ -86,7 +86,7 @@ def test_a_killed_instance_holds_no_lock(program: Program, tmp_path: Path) -> No
     wait_for(lock.exists, "the study is held", timeout_s=60.0)
     killed.kill()
     killed.wait()
-    with single_instance.held(program._home / "a", tmp_path):
+    with console_command.held(program._home / "a", tmp_path):
         assert lock.exists()
     assert not lock.exists()
 
@@ -94,32 +94,32 @@ def test_a_killed_instance_holds_no_lock(program: Program, tmp_path: Path) -> No
 def test_a_study_that_another_computer_has_open_stays_with_it(tmp_path: Path) -> None:
     (tmp_path / _LOCK).write_text(f"{os.getpid()}\npython3.11\nlab-2\n\n\n")
     why = r"is open on the computer lab-2\. .* choose another folder with --study"
-    with pytest.raises(StartError, match=why), single_instance.held(tmp_path, tmp_path / "live"):
+    with pytest.raises(StartError, match=why), console_command.held(tmp_path, tmp_path / "live"):
         pass
 
 
 def test_one_that_does_not_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(single_instance, "_WAITS_S", 0.0)
+    monkeypatch.setattr(console_command, "_WAITS_S", 0.0)
     why, there = rf"process {os.getpid()}\), which does not respond", tmp_path / "live"
     with (
-        single_instance.held(tmp_path, there),
+        console_command.held(tmp_path, there),
         pytest.raises(StartError, match=why),
-        single_instance.held(tmp_path, there),
+        console_command.held(tmp_path, there),
     ):
         pass
 
 
 def test_one_that_is_about_to_end_is_waited_for(tmp_path: Path) -> None:
     with ExitStack() as ending:
-        ending.enter_context(single_instance.held(tmp_path, tmp_path / "live"))
+        ending.enter_context(console_command.held(tmp_path, tmp_path / "live"))
         end = threading.Timer(0.3, ending.close)
         end.start()
-        with single_instance.held(tmp_path, tmp_path / "live"):
+        with console_command.held(tmp_path, tmp_path / "live"):
             end.join()
             assert (tmp_path / _LOCK).exists()
 
 
 @pytest.mark.logs(r"is not locked: ")
 def test_a_study_that_is_read_only_is_opened_without_a_lock(tmp_path: Path) -> None:
-    with single_instance.held(tmp_path / "nowhere", tmp_path / "live"):
+    with console_command.held(tmp_path / "nowhere", tmp_path / "live"):
         assert list(tmp_path.iterdir()) == []

@@ -22,7 +22,7 @@ from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_file import load_scenario, save_scenario
 from tests.live import bodies
 from tests.support.slow_disk import SlowDisk

@@ -19,8 +19,7 @@ from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.embedded_server import EmbeddedReady, ModelAdded, find_embedded_weights
 from caris_desktop.conversation.face.page import PageOpened, run_face_page
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
-from caris_desktop.conversation.microphone_process import MicrophoneList, OpenMicrophone
-from caris_desktop.conversation.sound.playback_process import BeginPlaying, PlayThis
+from caris_desktop.conversation.sound_devices import BeginPlaying, MicrophoneList, OpenMicrophone, PlayThis
 from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, SessionEnded, SessionStarted, UtteranceChanged
@@ -32,7 +31,8 @@ from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.perception.backends import runtime_selection
 from caris_desktop.perception.cameras.camera_source import parse_camera
 from caris_desktop.perception.inference_messages import DetectionRequest, InferenceReady, InferenceSettings
-from caris_desktop.recording.annotation.timeline_builder import SessionOverview, run_overview
+from caris_desktop.recording.annotation.timeline_builder import run_overview
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.recorder.recorder_messages import StopRecording, TakePhoto
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import FORMATS, ExportFinished, ExportRequest, run_exports

@@ -11,7 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QTimer
 
-from caris_desktop.app import rehearsal
+from caris_desktop.app import rehearse_command
 from caris_desktop.app.command_table import run
 from caris_desktop.domain import clock
 from tests.app.shown_state import shown_state
@@ -19,7 +19,7 @@ from tests.app.shown_state import shown_state
 _EVERY_MS = 500
 
 
-class WatchedRehearsal(rehearsal.Rehearsal):
+class WatchedRehearsal(rehearse_command.Rehearsal):
     """Rehearsal that samples the state."""
 
     samples_path = Path()
@@ -40,6 +40,6 @@ class WatchedRehearsal(rehearsal.Rehearsal):
 
 if __name__ == "__main__":
     WatchedRehearsal.samples_path = Path(sys.argv[1])
-    rehearsal.Rehearsal = WatchedRehearsal  # type: ignore[misc]
-    rehearsal.SAYS = {name: text[: int(sys.argv[2])] for name, text in rehearsal.SAYS.items()}
+    rehearse_command.Rehearsal = WatchedRehearsal  # type: ignore[misc]
+    rehearse_command.SAYS = {name: text[: int(sys.argv[2])] for name, text in rehearse_command.SAYS.items()}
     sys.exit(run(["rehearse", *sys.argv[3:]]))

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName
+from caris_desktop.scenario.scenario_model import BuiltInPanel, PanelLeaf, PanelName
 from caris_desktop.ui.widgets.frame_view import FrameView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen
@@ -106,7 +106,7 @@ def measure(seconds: float) -> dict[str, object]:
     recording = percent_by_process(load, 2 * seconds)
     view_size = _frame_view(load).size()
     alone: dict[PanelName, float] = {}
-    for name in get_args(PanelName):
+    for name in get_args(BuiltInPanel):
         load.window.show_scenario(replace(load.console.scenario, layout=PanelLeaf(name)))
         load.let_qt_run(_SETTLED_S)
         alone[name] = gui_percent(load, seconds)

@@ -35,13 +35,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.endpointing import (
+    SilenceOfPeople,
+    TurnModel,
+    TurnTaking,
+    VoiceActivity,
+)
+from caris_desktop.conversation.listening.engines import LocalEngine
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings, UseSilence
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.voice_activity import TurnModel, VoiceActivity
-from caris_desktop.conversation.sound.resampling import resampled
+from caris_desktop.conversation.resampling import resampled
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing, PlayedSound
@@ -282,7 +286,7 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
     model = TurnModel.find()
     ear = SpeechSegmenter(
         ROBOT_MICROPHONE,
-        TurnTaking(SilenceOfPeople(), SilenceBounds()),
+        TurnTaking(SilenceOfPeople(), UseSilence()),
         VoiceActivity(),
         canceller=canceller,
         robot_speech=own_words,

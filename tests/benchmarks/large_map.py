@@ -22,7 +22,7 @@ from caris_desktop.domain.events import CommandSent
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.robot.link import LinkSettings, run_media_link
-from caris_desktop.robot.profile import TopicSource
+from caris_desktop.robot.profile_model import TopicSource
 from caris_desktop.ui.map.map_view import MapView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad, stop_process
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles

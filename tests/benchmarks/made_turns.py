@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
-from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.engines import LocalEngine
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
 

@@ -33,12 +33,10 @@ os.environ |= {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.appearance_embedding import AppearanceModel
-from caris_desktop.perception.backends import openvino
-from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.onnx_export import export_onnx
-from caris_desktop.perception.backends.runtime_selection import Chosen
-from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+from caris_desktop.perception.backends.runtime_selection import Chosen, open_detector
+from caris_desktop.perception.backends.runtimes import OpenvinoNetwork, openvino_installed
+from caris_desktop.perception.backends.ultralytics_runtime import export_onnx, prepare_ultralytics
 from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.inference_messages import LEAST_CONFIDENCE, DetectionRequest, default_threads
 from caris_desktop.perception.perceiver import Perceiver
@@ -153,8 +151,8 @@ def untrained(folder: Path, pictures: list[tuple[float, Image]], threads: int, p
     export_onnx(Weights(path, path.name, px), exported, threads=threads)
     weights = Weights(exported, exported.name, px)
     detectors = {"onnxruntime": open_detector(weights, confidence=LEAST_CONFIDENCE, threads=threads)}
-    if openvino.is_installed():
-        network = openvino.OpenvinoNetwork(exported, threads=threads)
+    if openvino_installed():
+        network = OpenvinoNetwork(exported, threads=threads)
         detectors["OpenVINO"] = NetworkDetector(network, weights, confidence=LEAST_CONFIDENCE)
     own = [ours(name, detector, weights) for name, detector in detectors.items()]
     library = [theirs("bytetrack", path, px, "bytetrack"), theirs("botsort", path, px, "botsort")]

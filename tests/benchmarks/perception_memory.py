@@ -23,7 +23,7 @@ from caris_desktop.domain.events import PersonAppeared
 from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.live.services.people_service import PerceptionWorker
 from caris_desktop.perception.inference_messages import InferenceSettings
 from caris_desktop.simulator.simulated_people import Visit
 from tests.support.walkers import film

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator import simulate_command
-from caris_desktop.simulator.camera_model import sees
-from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.robot_simulation import Robot, sees
 
 
 class _Watch:

@@ -20,7 +20,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, TopicSource
 from tests.benchmarks.rosbridge_source import IMAGE_TOPIC, SCAN_TOPIC
 from tests.benchmarks.screen_and_statistics import percentiles
 

@@ -23,9 +23,10 @@ def console_takes_a_key() -> None:
     """Child process with the real console; prints the times of a typed letter in the Speak field and of the first
     paint.
     """
-    from caris_desktop.app import quick_start
 
-    quick_start.begin()
+    from caris_desktop.app import command_table
+
+    command_table.begin_quickly()
     from PySide6.QtCore import QSettings, QTimer
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QPlainTextEdit

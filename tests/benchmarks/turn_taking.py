@@ -29,14 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import EchoCanceller
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.engine import Recognised
-from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.endpointing import (
+    SilenceOfPeople,
+    TurnModel,
+    TurnTaking,
+    VoiceActivity,
+)
+from caris_desktop.conversation.listening.engines import LocalEngine, Recognised
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings, UseSilence
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
-from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.voice_activity import TurnModel, VoiceActivity
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, TurnInterval
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
@@ -110,7 +112,7 @@ class Participant:
         self._now_s = 0.0
         ear = SpeechSegmenter(
             ROBOT_MICROPHONE,
-            TurnTaking(self._silence, SilenceBounds()),
+            TurnTaking(self._silence, UseSilence()),
             VoiceActivity(),
             canceller=EchoCanceller(),
             robot_speech=RobotSpeechFilter(),
@@ -161,7 +163,7 @@ def silence_alone(turn: MadeTurn, silences_s: tuple[float, ...]) -> dict[float, 
     ends: dict[float, list[tuple[float, float]]] = {}
     sound = turn.sound.astype(np.float32) / 32768
     for silence_s in silences_s:
-        turns = TurnTaking(SilenceOfPeople(), SilenceBounds(silence_s, silence_s))
+        turns = TurnTaking(SilenceOfPeople(), UseSilence(silence_s, silence_s))
         voices = VoiceActivity()
         made = ends.setdefault(silence_s, [])
         for at in range(0, len(sound) - 511, 512):

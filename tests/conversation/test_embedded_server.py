@@ -23,8 +23,8 @@ from caris_desktop.conversation.embedded_server import (
     threads_for,
 )
 from caris_desktop.conversation.models.chat import stream_chat
+from caris_desktop.conversation.models.connection import model_version
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, resolve_endpoint
-from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.speech_checks import probe_language_model
 from caris_desktop.conversation.suggestions.prompt import LONGEST_REPLY, fit_to_say
 from caris_desktop.domain.events import ChatMessage

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone_process import (
+from caris_desktop.conversation.sound_devices import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneList,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.sound.playback_process import (
+from caris_desktop.conversation.sound_devices import (
     BeginPlaying,
     EndPlaying,
     JitterBuffer,

@@ -16,12 +16,11 @@ import pytest
 from caris_desktop.app.plugin_contracts import check_language_model
 from caris_desktop.conversation.embedded_server import EmbeddedReady, run_embedded_server
 from caris_desktop.conversation.models.chat import stream_chat
-from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.connection import model_version
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, LanguageModelError, ModelEndpoint, resolve_endpoint
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.plugins import PluginCall, PluginFailed
-from tests.support.plugins import check_example, install
+from tests.support.plugins import install
 
 _CONTEXT = multiprocessing.get_context("spawn")
 
@@ -189,7 +188,3 @@ def test_the_contract_refuses(pieces: list[Any], message: str) -> None:
 
     with pytest.raises(AssertionError, match=message):
         check_language_model(Model)
-
-
-def test_the_example_is_built_installed_used_and_removed(tmp_path: Path) -> None:
-    check_example("phrase-model", tmp_path, "ok   phrases              caris-phrase-model 1.0")

@@ -1,7 +1,6 @@
 """Response times for a participant, from speech events."""
 
-from caris_desktop.conversation.conversation_transcript import Turn
-from caris_desktop.conversation.response_timing import ResponseTimes, waiting
+from caris_desktop.conversation.conversation_transcript import ResponseTimes, Turn, waiting
 from caris_desktop.domain.events import (
     ResponseTimed,
     Speaker,

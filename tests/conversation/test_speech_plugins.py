@@ -1,7 +1,5 @@
 """Voices and recognisers of others: installed as packages, used, and switched off when they fail."""
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,18 +9,18 @@ import pytest
 
 from caris_desktop.app.plugin_contracts import check_speech
 from caris_desktop.conversation import speech_plugins
-from caris_desktop.conversation.listening import local_engine
-from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.plugin_engine import PluginEngine
-from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.listening.words_thread import Recognition, WordsReady, WordsThread
-from caris_desktop.conversation.voices.plugin_voice import PluginVoice
+from caris_desktop.conversation.listening import recogniser
+from caris_desktop.conversation.listening.engines import PluginEngine
+from caris_desktop.conversation.listening.recogniser import Recognition, WordsThread
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
+from caris_desktop.conversation.listening.speech_segmenter import TurnInterval
 from caris_desktop.conversation.voices.utterance_sound import Stop
+from caris_desktop.conversation.voices.voice_selection import PluginVoice
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.live.services.session_service import _with_plugins
 from caris_desktop.recording.session.session_header import RecordedScenario, SessionHeader
-from tests.support.plugins import check_example, install
+from tests.support.plugins import install
 
 
 def source(speak: str = "return sound", transcribe: str = "return [('hello', 0.0, 0.5)]", version: int = 1) -> str:
@@ -137,16 +135,16 @@ def test_the_usual_recogniser_replaces_one_that_fails(
 
     install(tmp_path, "speech", "lab", source(transcribe=transcribe), monkeypatch)
     monkeypatch.setattr(speech_plugins, "TRANSCRIBE_WITHIN_S", 1.0)
-    monkeypatch.setattr(local_engine, "LocalEngine", Usual)
+    monkeypatch.setattr(recogniser, "LocalEngine", Usual)
     words = WordsThread(RecogniserSettings(model="plugin:lab"))
     words.start()
     ready = words.news.get(timeout=60)
-    assert isinstance(ready, WordsReady) and ready.model == "plugin:lab"
+    assert isinstance(ready, RecogniserReady) and ready.model == "plugin:lab"
     words.ask(TurnInterval("t", np.ones(16_000, np.float32), 0.0, 1.0, "", False))
     lost, failure, usual = (words.news.get(timeout=60) for _ in range(3))
     assert isinstance(lost, Recognition) and lost.text is None
     assert isinstance(failure, PluginError) and failure.reason == reason
-    assert isinstance(usual, WordsReady) and usual.model == "usual"
+    assert isinstance(usual, RecogniserReady) and usual.model == "usual"
     words.end()
 
 
@@ -173,30 +171,5 @@ def test_a_session_names_those_that_ran(tmp_path: Path, monkeypatch: pytest.Monk
     new_session: Any = lambda *_: (tmp_path, header)  # noqa: E731
     none: Any = None
     for speech, named in ((("plugin:lab", ""), {"plug-in speech lab": "lab-lab 2.1"}), (("espeak:en", "tiny"), {})):
-        _, made = _with_plugins(new_session, none, none, none, plugins={}, speech=speech)
+        _, made = _with_plugins(new_session, none, none, none, plugins={}, named={"speech": speech})
         assert made.software == named
-
-
-def test_the_example_is_built_installed_used_and_removed(tmp_path: Path) -> None:
-    path = check_example("morse-speech", tmp_path / "example", "ok   morse                caris-morse-speech 1.0")
-    script = tmp_path / "use.py"
-    script.write_text(
-        """
-import numpy as np
-from caris_desktop.conversation.listening.plugin_engine import PluginEngine
-from caris_desktop.conversation.voices.plugin_voice import PluginVoice
-from caris_desktop.conversation.voices.utterance_sound import Stop
-
-if __name__ == "__main__":
-    voice = PluginVoice("plugin:morse", "en", rate=1.0, volume=1.0, on_failure=print)
-    sound = np.concatenate(list(voice.parts("Hello world", Stop()))).astype(np.float32) / 32768
-    found = PluginEngine("plugin:morse", "en").transcribe(sound, "", careful=True)
-    print(*(word.text for word in found.words))
-""",
-        "utf-8",
-    )
-    used = subprocess.run(
-        [sys.executable, script], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=True,
-        timeout=100,
-    )  # fmt: skip
-    assert used.stdout == "hello world\n"

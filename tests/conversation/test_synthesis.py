@@ -272,7 +272,7 @@ class ToldEngine:
 
     number = 1
 
-    def say(self, text: str, number: int) -> None: ...
+    def send(self, do: str, **values: object) -> None: ...
 
     def close(self, *, grace_s: float) -> None: ...
 
@@ -481,7 +481,7 @@ def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
     # pyttsx3 does this at random if espeak has not ended the last utterance; here it always happens.
     script = (
         "import pathlib, sys\n"
-        "from caris_desktop.conversation.voices.espeak import EspeakVoice\n"
+        "from caris_desktop.conversation.voices.voice_selection import EspeakVoice\n"
         "from caris_desktop.conversation.voices.utterance_sound import Stop\n"
         "voice = EspeakVoice('', '', rate=1.8, volume=1.0, folder=pathlib.Path(sys.argv[1]))\n"
         "for _ in range(4):\n"

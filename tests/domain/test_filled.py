@@ -23,8 +23,8 @@ from caris_desktop.domain.translation import (
     use_translator,
 )
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.live.process_manager import localize_problem
-from caris_desktop.ui.language import in_trial_language
+from caris_desktop.live.service import localize_problem
+from caris_desktop.ui.window_appearance import in_trial_language
 
 GERMAN = {
     "The disk is slow: it took {delay} s.": "{delay} s hat die Festplatte gebraucht.",
@@ -139,10 +139,11 @@ def test_a_text_stored_as_plain_text_is_found_again() -> None:
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
-    "AnnotationError", "CameraError", "DetectorAwayError", "EngineUnavailableError", "ExportError", "FaceModelError",
-    "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
-    "RepairReport", "SecurityError", "SessionError", "UserFacingError", "UnknownFormError", "UnreadableMediaError",
-    "WeightsError", "_away", "_miss", "_no", "_report_problem", "abort", "give_up", "problem", "unreachable",
+    "AnnotationError", "CameraError", "DetectorAwayError", "EmbeddingModelError", "EngineUnavailableError",
+    "ExportError", "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError",
+    "OutletUnavailableError", "Problem", "RepairReport", "SecurityError", "SessionError", "UserFacingError",
+    "UnknownFormError", "UnreadableMediaError", "WeightsError", "_away", "_miss", "_no",
+    "_report_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """Calls whose arguments the wizard reads."""
 COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")
@@ -171,9 +172,7 @@ def _is_glued(part: ast.expr) -> bool:
 def test_no_child_process_glues_what_it_reports() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
-    files += [
-        package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone_process", "embedded_server")
-    ]
+    files += [package / "conversation" / f"{name}.py" for name in ("synthesis", "sound_devices", "embedded_server")]
     named = {file.relative_to(package).as_posix(): file.read_text("utf-8") for file in files}
     found = {name: glued(text, collects=not name.startswith(OF_THE_TERMINAL)) for name, text in named.items()}
     assert {name: texts for name, texts in found.items() if texts} == {}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone_process import MicrophoneAlive
+from caris_desktop.conversation.sound_devices import MicrophoneAlive
 from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
@@ -82,7 +82,7 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
 
 def inference_of_bright_frames(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
     """The real inference process with a detector double: one person in a bright frame."""
-    from caris_desktop.perception import detector_plugins, inference, perceiver, tracker
+    from caris_desktop.perception import detector, inference, perceiver, tracker
     from caris_desktop.perception.backends import runtime_selection
     from caris_desktop.perception.backends.runtime_selection import Chosen
     from caris_desktop.perception.detector import Detections
@@ -101,7 +101,7 @@ def inference_of_bright_frames(connection: Connection, frames: FrameReader, sett
         return runtime_selection.open_chosen(own, settings, **given) if plugin else Chosen(Bright(), (0,), None)
 
     perceiver.open_chosen = open_chosen  # type: ignore[attr-defined]
-    detector_plugins.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
+    detector.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
     tracker.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
     inference.run_inference(connection, frames, settings)
 

@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.services.assistant_service import MOST_EXCHANGES_SHOWN, MOST_PENDING_EXCHANGES, Exchanges
 from caris_desktop.live.state import LiveState

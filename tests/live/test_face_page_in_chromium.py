@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.drawing import FaceState, drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.conversation.face.page import PageOpened
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.services.face_service import FacePageProcess
 from tests.support.chromium import Browser, chromium_or_skip
 from tests.support.polling import wait_for

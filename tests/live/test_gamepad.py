@@ -10,10 +10,12 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.live import gamepad as gamepad_module
 from caris_desktop.live.gamepad import (
+    AT_REST,
     GamepadMapping,
     Gamepads,
     MappingError,
     RawInputs,
+    TeleopCommand,
     axis_value,
     binding_words,
     default_mapping,
@@ -30,7 +32,6 @@ from caris_desktop.live.gamepad import (
     with_rests,
 )
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from tests.support.polling import wait_for
 from tests.support.virtual_gamepad import VirtualGamepad
 

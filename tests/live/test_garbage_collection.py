@@ -8,7 +8,7 @@ import shiboken6
 from PySide6.QtCore import QObject, QTimer
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.garbage_collection import GarbageCollector
+from caris_desktop.app.qt_application import GarbageCollector
 
 
 class _Cycle(QObject):

@@ -13,10 +13,9 @@ import pytest
 from caris_desktop.conversation.face.page import FacePage
 from caris_desktop.domain import limited_listener
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited
-from caris_desktop.perception.cameras.camera_server import CameraServer
+from caris_desktop.perception.cameras.camera_process import open_camera
+from caris_desktop.perception.cameras.camera_server import CameraServer, NewestFrame
 from caris_desktop.perception.cameras.camera_source import ChosenCamera
-from caris_desktop.perception.cameras.newest_frame import NewestFrame
-from caris_desktop.perception.cameras.open_camera import open_camera
 
 pytestmark = pytest.mark.logs("more than can be served")
 

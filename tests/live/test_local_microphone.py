@@ -14,12 +14,13 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import MICROPHONE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
+from caris_desktop.live.services.microphone_service import LocalMicrophone, MicrophoneChoice
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
+from tests.support.service_context import context_of
 
-pytestmark = [pytest.mark.long, pytest.mark.logs(r"live\.(bus|child_process): |conversation\.microphone_process: ")]
+pytestmark = [pytest.mark.long, pytest.mark.logs(r"live\.(bus|child_process): |conversation\.sound_devices: ")]
 
 
 @pytest.fixture
@@ -41,16 +42,16 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
     body = ProcessSpec("microphone", process_entry_points.microphone, (MICROPHONE,))
     choice = MicrophoneChoice(body, lambda: "", lambda _name: None)
     children = ProcessManager(bus, owner)
-    microphone = LocalMicrophone(
-        state.microphone, MICROPHONE, bus, children, choice, settled=lambda: None, parent=owner
-    )
+    microphone = LocalMicrophone(state.microphone, MICROPHONE, context_of(state, bus, owner, children=children), choice)
     try:
         microphone.open()
         qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(chunks) > 5, timeout=30_000)
-        assert microphone.child is not None
-        stuck = microphone.child.pid
+        assert microphone.process.child is not None
+        stuck = microphone.process.child.pid
         sound.signal(signal.SIGSTOP)
-        qtbot.waitUntil(lambda: microphone.child is not None and microphone.child.pid != stuck, timeout=30_000)
+        qtbot.waitUntil(
+            lambda: microphone.process.child is not None and microphone.process.child.pid != stuck, timeout=30_000
+        )
         sound.signal(signal.SIGCONT)
         chunks.clear()
         qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(chunks) > 5, timeout=60_000)
@@ -58,5 +59,5 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
         children.close()
         microphone.close()
         microphone.ask_to_end()
-        microphone.end()
+        microphone.process.end()
         state.close()

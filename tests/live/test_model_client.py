@@ -10,14 +10,13 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT
 from caris_desktop.conversation.models import failures
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.recorded_messages import retranslate
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 
 EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")

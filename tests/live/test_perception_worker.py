@@ -17,11 +17,11 @@ from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.live.services.people_service import PerceptionWorker
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
-from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PresenceTracker
+from caris_desktop.people.visit_log import Portraits
 from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
 from tests.live import bodies

@@ -8,7 +8,7 @@ import pytest
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import LocalizedText, tr, use_translator
-from caris_desktop.live.preflight_checks import ChecklistItem, Facts, automatic_checks, ticked_checks
+from caris_desktop.live.services.preflight_service import ChecklistItem, Facts, automatic_checks, ticked_checks
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -21,9 +21,10 @@ from caris_desktop.live.status import (
     VoiceStatus,
 )
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.robot.profile import RobotProfile, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import BlurSettings, ManualCheck, PanelLeaf, Permissions, Place, Scenario
-from caris_desktop.ui.preflight.preflight_words import state_words
+from caris_desktop.ui.event_messages import check_state
 from tests.ui.samples import TOUR
 
 EVERYTHING = Permissions(audio_recording=True, transcription=True, own_voice=True, face=True)
@@ -145,7 +146,7 @@ def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language()
 def test_each_check_says_how_that_stands_and_what_to_do(check_id: str, state: str, changed: dict[str, Any]) -> None:
     check = by_id(replace(GOOD, **changed))[check_id]
     assert check.state == state
-    assert state_words(check, ClockAnchor(0, 0)).endswith("."), "a sentence"
+    assert check_state(check, ClockAnchor(0, 0)).endswith("."), "a sentence"
     assert bool(check.advice) or state not in ("minor", "major")
 
 

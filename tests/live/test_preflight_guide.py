@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.live.preflight_checks import automatic_checks, ticked_checks
+from caris_desktop.live.services.preflight_service import automatic_checks, ticked_checks
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import parse_scenario
 from tests.live.test_preflight_checks import GOOD, STUDY, by_id, covering

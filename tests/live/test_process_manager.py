@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.state import LiveState
 from tests.live import bodies
 

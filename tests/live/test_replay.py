@@ -21,7 +21,7 @@ from caris_desktop.domain.events import LayoutChanged, LinkChanged, Problem, Rob
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PeopleInMap, StatusShown
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live import annotation_session
+from caris_desktop.live import replay_console
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.live.replay_player import PlaybackClock
@@ -306,13 +306,13 @@ def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
     console = open_replay(folder=tmp_path / "session")
     table, told, spun = tmp_path / "kim.csv", list[str](), threading.Event()
     table.write_text("tier,start,end,value\nEngagement,1.0,2.5,looks away\n")
-    read = annotation_session.read_csv
+    read = replay_console.read_csv
 
     def slow_disk(path: Path, *, coder: str, skipped: list[str]) -> AnnotationDocument:
         assert spun.wait(60), "nothing else went on meanwhile"
         return read(path, coder=coder, skipped=skipped)
 
-    monkeypatch.setattr(annotation_session, "read_csv", slow_disk)
+    monkeypatch.setattr(replay_console, "read_csv", slow_disk)
     console.import_annotations(table, "Kim", told.append)
     QTimer.singleShot(0, spun.set)
     qtbot.waitUntil(lambda: bool(told))

@@ -10,8 +10,9 @@ from caris_desktop.conversation.conversation_transcript import in_order, turns_o
 from caris_desktop.domain.events import Marked, UtteranceChanged, UtteranceCorrected
 from caris_desktop.live.replay_console import ReplayTranscript
 from caris_desktop.live.state import LiveState
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, spoken
 from tests import recording
 from tests.recording.told_session import at, tell
 from tests.support.polling import wait_for

@@ -8,11 +8,12 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, StreamCheck
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
+from caris_desktop.robot.profile import load_profile, user_robots_dir
+from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import profile_of
 from tests.support.simulated_robot import SimulatedRobot
 

@@ -8,7 +8,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, Odometry, People, PeopleInMap, PersonPlace
 from caris_desktop.live.services import drive_service
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile
 from caris_desktop.ui import text_formatting
 
 S = 1_000_000_000

@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import use_translator
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.process_manager import ProcessManager, localize_problem
+from caris_desktop.live.service import ProcessManager, localize_problem
 from caris_desktop.live.state import LiveState
 
 GERMAN = {"The disk is full.": "Die Platte ist voll.", "Stop the recording.": "Die Aufnahme beenden."}

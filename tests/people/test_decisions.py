@@ -27,9 +27,8 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.person_values import PersonPortrait
-from caris_desktop.people.database import About
 from caris_desktop.people.decisions import MOST_UNDONE, PeopleIntent
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import About, PeopleStore
 from caris_desktop.people.presence import PersonRow, RecognitionSettings
 from tests.people.crowd import Room
 

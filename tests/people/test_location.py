@@ -8,11 +8,16 @@ import pytest
 
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import DepthGrid, HeadState, LaserScan, People, PersonBox, RobotPose
-from caris_desktop.people.location import PeopleLocator, located
+from caris_desktop.domain.sensing import DepthGrid, HeadState, LaserScan, People, PersonBox, PersonPlace, RobotPose
+from caris_desktop.people.location import PeopleLocator, _placed, _points_in_robot
 
 CAMERA = CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(70))
 BEAMS = 720
+
+
+def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
+    """Positions of people that a camera on the robot and the LIDAR both see."""
+    return _placed(people, camera, map_from_robot, _points_in_robot(scan, map_from_robot), by_floor=False)
 
 
 def scan_of(*people: tuple[float, float], walls_m: float = 6.0, stamp_ns: int = 0) -> LaserScan:

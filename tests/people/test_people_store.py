@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.people.database import STEPS, About, PeopleStoreError, Step, unseal
 from caris_desktop.people.identities import unit
-from caris_desktop.people.people_store import MOST_HISTORY_FOUND, PeopleStore, StoredEmbeddings
+from caris_desktop.people.people_store import (
+    MOST_HISTORY_FOUND,
+    STEPS,
+    About,
+    PeopleStore,
+    PeopleStoreError,
+    Step,
+    StoredEmbeddings,
+    unseal,
+)
 
 HOUR_NS = 3600 * 10**9
 NOW_NS = 1_790_000_000 * 10**9
@@ -219,7 +227,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
 
 @pytest.mark.logs("people database .* could not be")
 def test_a_log_that_could_not_be_emptied_is_reported_and_retried(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("caris_desktop.people.database._BUSY_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("caris_desktop.people.people_store._BUSY_TIMEOUT_S", 0.05)
     store = PeopleStore(path)
     ada = furnished(store, ABOUT)
     reader = sqlite3.connect(path, isolation_level=None)
@@ -341,7 +349,7 @@ def test_an_older_database_is_raised_step_by_step_and_keeps_its_people(
     ada = store.add()
     store.describe(ada.person_id, About("Ada"))
     store.close()
-    monkeypatch.setattr("caris_desktop.people.database.STEPS", STEPS + MORE)
+    monkeypatch.setattr("caris_desktop.people.people_store.STEPS", STEPS + MORE)
     store = PeopleStore(path)
     assert [person.name for person in store.everybody()] == ["Ada"]
     store.close()
@@ -360,11 +368,11 @@ def test_a_step_that_fails_leaves_the_database_at_its_version(path: Path, monkey
     store.add()
     store.close()
     before = content(path)
-    monkeypatch.setattr("caris_desktop.people.database.STEPS", (*STEPS, *MORE, ("INSERT INTO nowhere VALUES (1)",)))
+    monkeypatch.setattr("caris_desktop.people.people_store.STEPS", (*STEPS, *MORE, ("INSERT INTO nowhere VALUES (1)",)))
     with pytest.raises(PeopleStoreError, match="cannot be opened"):
         PeopleStore(path)
     assert content(path) == before
-    monkeypatch.setattr("caris_desktop.people.database.STEPS", STEPS)
+    monkeypatch.setattr("caris_desktop.people.people_store.STEPS", STEPS)
     store = PeopleStore(path)
     assert len(store.everybody()) == 1
     store.close()
@@ -382,7 +390,7 @@ def test_a_folder_that_cannot_be_written_is_explained(tmp_path: Path) -> None:
 
 @pytest.mark.logs("people database .* could not be")
 def test_a_database_that_is_locked_by_another_program_is_explained(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("caris_desktop.people.database._BUSY_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("caris_desktop.people.people_store._BUSY_TIMEOUT_S", 0.05)
     store = PeopleStore(path)
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN EXCLUSIVE")

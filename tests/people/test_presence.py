@@ -12,9 +12,8 @@ from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, Perso
 from caris_desktop.domain.intents import NamePerson, NoteConsent
 from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.sensing import People, PersonBox
-from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.people_store import PeopleStore, StoredPerson
+from caris_desktop.people.people_store import About, PeopleStore, PeopleStoreError, StoredPerson
 from caris_desktop.people.presence import PortraitsOf, PresenceTracker, RecognitionSettings
 
 FRAME_NS = 100_000_000

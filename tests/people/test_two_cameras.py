@@ -13,8 +13,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, PresenceTracker
-from caris_desktop.simulator.camera_model import sees
-from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.robot_simulation import Robot, sees
 from caris_desktop.simulator.simulate_command import DESK_CAMERA_HEIGHT_M, DESK_CAMERA_IN_MAP, DESK_CAMERA_TILT_RAD
 from caris_desktop.simulator.simulated_people import Visit as SimulatedVisit
 

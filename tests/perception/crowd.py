@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from caris_desktop.perception.box_motion import overlaps
+from caris_desktop.perception.kalman_tracker import overlaps
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 640.0, 480.0, 457.0
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.perception.backends.serving import serving
+from caris_desktop.perception.backends.remote_detector import serving
 from caris_desktop.perception.detector import Detections
 
 TOKEN = "a token of enough characters"

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
+from caris_desktop.perception.appearance_embedding import AppearanceModel, EmbeddingModelError, find_appearance
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.kalman_tracker import LOST_S
@@ -57,7 +57,7 @@ def test_a_network_for_one_at_a_time_is_asked_one_by_one(tmp_path: Path, model: 
 )
 def test_a_file_that_is_no_such_network_is_reported_by_name(tmp_path: Path, content: bytes, words: str) -> None:
     (tmp_path / "osnet_bad.onnx").write_bytes(content)
-    with pytest.raises(AppearanceError, match=f"osnet_bad.onnx.*{words}"):
+    with pytest.raises(EmbeddingModelError, match=f"osnet_bad.onnx.*{words}"):
         AppearanceModel(tmp_path / "osnet_bad.onnx")
 
 
@@ -67,7 +67,7 @@ def test_a_checksum_next_to_the_file_has_to_be_its_own(tmp_path: Path, model: Ap
     checksum.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest().upper()}  osnet_test.onnx\n", encoding="ascii")
     assert AppearanceModel(path).name == model.name
     checksum.write_text("0" * 64, encoding="ascii")
-    with pytest.raises(AppearanceError, match="does not match its checksum"):
+    with pytest.raises(EmbeddingModelError, match="does not match its checksum"):
         AppearanceModel(path)
 
 

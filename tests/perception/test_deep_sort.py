@@ -6,8 +6,8 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from caris_desktop.perception.box_motion import Floats
-from caris_desktop.perception.deep_sort import DeepSort
+from caris_desktop.perception.kalman_tracker import Floats
+from caris_desktop.perception.tracker_plugins import DeepSort
 from tests.perception.crowd import Picture, filmed, idf1
 
 

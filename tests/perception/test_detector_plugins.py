@@ -1,13 +1,11 @@
 """Contract of detectors of others; their failures in the process are in ``tests/live/test_perception_worker.py``."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from caris_desktop.app.plugin_contracts import check_detector
-from tests.support.plugins import check_example
 
 SOMEBODY = np.random.default_rng(1).integers(0, 255, (120, 160, 3), np.uint8)
 
@@ -53,7 +51,3 @@ def test_the_contract_accepts_one_that_finds_somebody() -> None:
         return nobody(image_bgr) if image_bgr.min() == image_bgr.max() else ([[1, 2, 30, 90]], [0.9], [0])
 
     check_detector(detector(found), [SOMEBODY])
-
-
-def test_the_example_is_built_installed_used_and_removed(tmp_path: Path) -> None:
-    check_example("blob-detector", tmp_path, "ok   blobs                caris-blob-detector 1.0")

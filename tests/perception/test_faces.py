@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.faces import FaceModel, FaceModelError, Faces, StudyFaces, face_of
+from caris_desktop.perception.appearance_embedding import EmbeddingModelError
+from caris_desktop.perception.faces import FaceModel, StudyFaces, face_of
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
 from tests.perception.networks import colours_of_places
@@ -84,10 +85,11 @@ def test_without_keypoints_the_middle_of_the_head_has_to_do_and_is_worth_less() 
 
 
 def test_each_has_a_turn_and_nobody_more_than_two_a_second(network: Path) -> None:
-    faces = Faces(FaceModel(network))
+    faces = StudyFaces(network)
     image = np.full((480, 640, 3), 128, np.uint8)
     boxes = [BOX, TrackedBox(2, 300.0, 40.0, 120.0, 320.0, 0.9, 1, quality=0.8)]
-    told = [looks for number in range(20) for looks in faces.extract(image, frame(1.0 + number / 10), boxes, None)]
+    requests = [DetectionRequest(frame(1.0 + number / 10), faces=True) for number in range(20)]
+    told = [looks for request in requests for looks in faces.extract(image, request, boxes, None)]
     assert [looks.track for looks in told[:4]] == [1, 2, 1, 2]
     assert len(told) == 8
     assert {looks.kind for looks in told} == {"face"}
@@ -123,7 +125,7 @@ def test_an_unusable_network_is_refused_once(
     if checksum is not None:
         (tmp_path / "face.onnx.sha256").write_text(f"{checksum}  face.onnx\n")
     faces, image = StudyFaces(path), np.zeros((480, 640, 3), np.uint8)
-    with pytest.raises(FaceModelError, match=expected):
+    with pytest.raises(EmbeddingModelError, match=expected):
         faces.extract(image, DetectionRequest(frame(), faces=True), [BOX], None)
     assert faces.extract(image, DetectionRequest(frame(2.0), faces=True), [BOX], None) == []
 

@@ -248,8 +248,8 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
             raise OSError("no network in this test")
 
     sys.addaudithook(refuse)
-    from caris_desktop.perception.backends.load_detector import open_detector
-    from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+    from caris_desktop.perception.backends.runtime_selection import open_detector
+    from caris_desktop.perception.backends.ultralytics_runtime import prepare_ultralytics
     from caris_desktop.perception.detector import person_classes
     from caris_desktop.perception.tracker import PersonTracker
     from caris_desktop.perception.weights import find_weights

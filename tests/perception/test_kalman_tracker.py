@@ -6,8 +6,7 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from caris_desktop.perception.box_motion import Floats, overlaps
-from caris_desktop.perception.kalman_tracker import LOST_S, SURE, CameraTracker
+from caris_desktop.perception.kalman_tracker import LOST_S, SURE, CameraTracker, Floats, overlaps
 from tests.perception.crowd import HEIGHT_PX, WIDTH_PX, Picture, filmed, idf1
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.perception import inference
-from caris_desktop.perception.backends import remote
+from caris_desktop.perception.backends import remote_detector
 from caris_desktop.perception.inference import run_inference
 from caris_desktop.perception.inference_messages import (
     DetectionRequest,
@@ -74,7 +74,7 @@ def server() -> Iterator[Serving]:
 @pytest.mark.logs("pictures are passed over")
 def test_it_waits_for_the_other_machine_says_so_and_continues(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inference, "_ASK_AGAIN_AFTER_S", 0.02)
-    monkeypatch.setattr(remote, "_TRY_AGAIN_AFTER_S", 0.0)
+    monkeypatch.setattr(remote_detector, "_TRY_AGAIN_AFTER_S", 0.0)
     server.stop()
     running = Running(DetectorSettings(server=server.address))
     try:

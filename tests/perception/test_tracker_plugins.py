@@ -14,7 +14,7 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import PersonTracker
-from tests.support.plugins import ROOT, check_example, install
+from tests.support.plugins import ROOT, install
 
 PICTURE = np.zeros((480, 640, 3), np.uint8)
 
@@ -156,7 +156,3 @@ def test_a_damaged_package_hides_no_other(tmp_path: Path, monkeypatch: pytest.Mo
     here = installed("trackers")
     assert here["steady"].package == "lab-steady 2.1"
     assert "empty" in here and "a name" not in here
-
-
-def test_the_example_is_built_installed_used_and_removed(tmp_path: Path) -> None:
-    check_example("nearest-tracker", tmp_path, "ok   nearest              caris-nearest-tracker 1.0")

@@ -9,11 +9,10 @@ import pytest
 
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceOrigin
 from caris_desktop.recording.forgetting.person_tracks import PersonTracks
-from caris_desktop.recording.forgetting.speech_erasure import speech_in
 from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
-from caris_desktop.recording.session.session_data import read_data
+from caris_desktop.recording.forgetting.text_erasure import speech_in
+from caris_desktop.recording.session.session_data import read_data, spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import export_session
 from caris_desktop.recording.studies.study_index import StudyIndex
 from caris_desktop.recording.studies.study_query import SessionQuery

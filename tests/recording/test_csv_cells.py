@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.app import export_command, statistics_command
 from caris_desktop.domain.events import Marked
-from caris_desktop.recording.annotation.csv_import import read_csv
+from caris_desktop.recording.annotation.annotation_import import read_csv
 from caris_desktop.recording.csv_cells import read_cell, shown_cell
 from tests.recording.told_session import at, heard, tell
 

@@ -1,7 +1,5 @@
 """Exporters of others: installed as packages, used, and switched off when they fail."""
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from caris_desktop.domain.plugins import BUILT_IN, find, load
 from caris_desktop.recording import session_export
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.session_export import FORMATS, ExportContext, ExportRequest, all_formats, export_all
-from tests.support.plugins import ROOT, check_example, install
+from tests.support.plugins import install
 
 
 def source(body: str, version: int = 1, before: str = "") -> str:
@@ -87,6 +85,7 @@ def test_one_exports_with_the_pseudonyms_that_were_asked_for(
 
 
 @pytest.mark.logs("the plug-in lab of lab-lab failed", "nearly")
+@pytest.mark.long("*it printed*", "*ModuleNotFoundError*")
 @pytest.mark.parametrize(
     ("module", "reason"),
     [
@@ -128,21 +127,3 @@ def test_a_disk_that_fails_is_not_the_fault_of_the_plug_in(
     (problem,) = finished.problems
     assert "the archive is read-only" in problem and "switched off" not in problem
     assert finished.written == (tmp_path / "out" / "two",)
-
-
-def test_the_example_is_built_installed_used_and_removed(session: Path, tmp_path: Path) -> None:
-    path = check_example("talk-exporter", tmp_path / "example", "ok   talk                 caris-talk-exporter 1.0")
-
-    def export(python_path: str, out: Path) -> subprocess.CompletedProcess[str]:
-        words = [sys.executable, "-m", "caris_desktop", "export", session, "--to", "talk", out]
-        environment = {**os.environ, "PYTHONPATH": python_path}
-        return subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=100)
-
-    assert export(path, tmp_path / "out").returncode == 0
-    lines = (tmp_path / "out" / "talk.txt").read_text("utf-8").splitlines()
-    assert lines[0] == "one (participant P01, condition A, trial 1)"
-    assert lines[2:] == [
-        "   1 PAR: Where is the “café” & the exit?", "          (0.5)", "   2 ROB: On the ground floor.",
-    ]  # fmt: skip
-    removed = export(str(ROOT), tmp_path / "removed")
-    assert removed.returncode == 2 and "unknown format talk" in removed.stderr

@@ -11,7 +11,7 @@ import pytest
 
 from caris_desktop.domain.picture_checks import PictureError, decode_compressed, decoded
 from caris_desktop.domain.video_files import FILM_OPTIONS
-from caris_desktop.perception.backends import serving
+from caris_desktop.perception.backends import remote_detector
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.recording.exporters import html
 from caris_desktop.recording.foreign import bag_values
@@ -98,7 +98,7 @@ def refused_by_robots_and_cameras(content: bytes, _folder: Path) -> None:
 
 
 def refused_by_the_detector(content: bytes, _folder: Path) -> None:
-    assert "error" in serving._answer_request(None, content)  # type: ignore[arg-type]
+    assert "error" in remote_detector._answer_request(None, content)  # type: ignore[arg-type]
 
 
 def refused_by_the_window(content: bytes, _folder: Path) -> None:

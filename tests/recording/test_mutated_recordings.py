@@ -22,7 +22,7 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportError, export_session
-from caris_desktop.simulator.map_files import MapFileError, MapFiles
+from caris_desktop.simulator.simulated_mapping import MapFileError, MapFiles
 from caris_desktop.ui.widgets.pictures import image_of
 from tests.recording.foreign.test_bag_import import BAGS
 from tests.support.mutations import MEMORY_LIMIT_BYTES, mutated, peak_memory_bytes, recorded_side_effects

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.response_timing import ResponseTimes
+from caris_desktop.conversation.conversation_transcript import ResponseTimes
 from caris_desktop.domain.events import ResponseTimed, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE

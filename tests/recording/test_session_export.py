@@ -33,7 +33,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE, STREAMS
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportError, ExportRequest, export_all, export_session
 from caris_desktop.recording.tables.catalog import Moment, RowTimes, tables_of

@@ -14,7 +14,7 @@ from caris_desktop.domain.events import LinkChanged
 from caris_desktop.robot.control_link import ControlLink
 from caris_desktop.robot.handled_operations import HANDLED_TOPIC, NO_SERVICE
 from caris_desktop.robot.media_link import MediaLink
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 
 V = TypeVar("V")

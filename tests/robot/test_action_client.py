@@ -9,7 +9,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import CancelGoal, GoTo
 from caris_desktop.robot import action_client, navigation_client
-from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile
 from caris_desktop.ros.rosbridge import encode_json
 from tests.robot.loop_bench import LoopBench, with_link
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.events import ControlUsed, GoalChanged, LinkChanged, P
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.link_commands import Drive, GoTo, RequestMap, SetEmergencyStop, StopMotion, UseControl
 from caris_desktop.robot import handled_operations, navigation_client
-from caris_desktop.robot.profile import EmergencyStopInterface, MapServices, NavigationServer, RobotProfile
+from caris_desktop.robot.profile_model import EmergencyStopInterface, MapServices, NavigationServer, RobotProfile
 from caris_desktop.robot.transport import MOST_CALLS
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.robot.loop_bench import Bridge, LoopBench, with_link

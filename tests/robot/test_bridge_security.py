@@ -25,7 +25,8 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_control_link
-from caris_desktop.robot.profile import SecuritySettings, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import SecuritySettings
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring

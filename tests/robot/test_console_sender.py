@@ -9,7 +9,7 @@ import pytest
 from caris_desktop.domain.events import CommandSent, Gap, LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
-from caris_desktop.robot.console_sender import MOST_VALUES_PER_STREAM, ConsoleSender, ProblemReporter
+from caris_desktop.robot.link_process import MOST_VALUES_PER_STREAM, ConsoleSender, ProblemReporter
 
 
 def drain(connection: Connection) -> list[Any]:

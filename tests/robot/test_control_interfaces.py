@@ -21,7 +21,7 @@ from caris_desktop.domain.link_commands import OfferControls, SetEmergencyStop, 
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.robot import control_interfaces
 from caris_desktop.robot.control_interfaces import parse_path, value_at
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
     EmergencyStopInterface,
     HeadInterface,
     NavigationServer,

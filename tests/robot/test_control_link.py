@@ -8,7 +8,7 @@ from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot import control_link
-from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import RobotProfile, TopicSource
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import encode_odometry
 from tests.robot.loop_bench import LoopBench, with_link

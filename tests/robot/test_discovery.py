@@ -22,16 +22,8 @@ from caris_desktop.robot.discovery import (
     load_profile_blocking,
     value_at,
 )
-from caris_desktop.robot.profile import (
-    AudioInterface,
-    LaserMount,
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    load_profile,
-    read_profile,
-    save_profile,
-)
+from caris_desktop.robot.profile import load_profile, read_profile, save_profile
+from caris_desktop.robot.profile_model import AudioInterface, LaserMount, ProfileError, RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot

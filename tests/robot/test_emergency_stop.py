@@ -9,7 +9,7 @@ from caris_desktop.domain.events import EmergencyStopChanged, Problem
 from caris_desktop.domain.link_commands import SetEmergencyStop
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.robot import emergency_stop
-from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import EmergencyStopInterface, RobotProfile, TopicSource
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
 

@@ -44,7 +44,8 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import check_robot
-from caris_desktop.robot.profile import RobotProfile, load_profile, shipped_profiles
+from caris_desktop.robot.profile import load_profile, shipped_profiles
+from caris_desktop.robot.profile_model import RobotProfile
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring
 from tests.support.polling import wait_for

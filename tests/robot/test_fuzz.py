@@ -19,7 +19,7 @@ from caris_desktop.domain.link_commands import GoTo, RequestMap, Say, UseControl
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
 from caris_desktop.robot.control_link import ControlLink
 from caris_desktop.robot.media_link import MediaLink
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
     CameraTopic,
     EmergencyStopInterface,
     HeadInterface,
@@ -30,7 +30,7 @@ from caris_desktop.robot.profile import (
     SpeechInterface,
     TopicSource,
 )
-from caris_desktop.ros import action_messages, joint_messages, message_conversion, navigation_messages
+from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 from tests.robot.loop_bench import Bridge, LoopBench, NoFrames, Outbox
@@ -77,16 +77,16 @@ GOOD: dict[str, dict[str, Any]] = {
     ),
     "/tf_static": message_conversion.encode_tf_message(ROS1, [("base_link", "laser", AT)], stamp_ns=STAMP_NS),
     "/map": message_conversion.encode_occupancy_grid(ROS1, GRID, stamp_ns=STAMP_NS),
-    "/map_updates": navigation_messages.encode_occupancy_grid_update(ROS1, GRID.cells, x=0, y=0, stamp_ns=STAMP_NS),
-    "/plan": navigation_messages.encode_path(ROS1, np.ones((3, 2), np.float32), stamp_ns=STAMP_NS),
+    "/map_updates": message_conversion.encode_occupancy_grid_update(ROS1, GRID.cells, x=0, y=0, stamp_ns=STAMP_NS),
+    "/plan": message_conversion.encode_path(ROS1, np.ones((3, 2), np.float32), stamp_ns=STAMP_NS),
     "/battery": message_conversion.encode_battery_state(ROS1, BatteryState(0, 0.5), stamp_ns=STAMP_NS),
     "/camera": message_conversion.encode_compressed_image(ROS1, b"\xff\xd8\xff", stamp_ns=STAMP_NS),
     "/info": message_conversion.encode_camera_info(
         ROS1, message_conversion.Lens(4, 3, 2.0, 2.0, 2.0, 1.5), stamp_ns=STAMP_NS
     ),
-    "/clock": navigation_messages.encode_clock(ROS1, STAMP_NS),
+    "/clock": message_conversion.encode_clock(ROS1, STAMP_NS),
     "/stop": {"data": False},
-    "/joint_states": joint_messages.encode_joint_state(ROS1, {"pan": 0.1, "tilt": 0.2}, stamp_ns=STAMP_NS),
+    "/joint_states": message_conversion.encode_joint_state(ROS1, {"pan": 0.1, "tilt": 0.2}, stamp_ns=STAMP_NS),
     "/light": {"levels": [{"value": 1.5}]},
     "/move_base/status": action_messages.encode_goal_status_array([STATUS], stamp_ns=STAMP_NS),
     "/move_base/feedback": action_messages.encode_action_feedback(

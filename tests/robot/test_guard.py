@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry
-from caris_desktop.robot.footprint import Footprint, convex_hull, transformed
-from caris_desktop.robot.guard import CRAWL_MPS, MEMORY_S, GuardChangeDetector, GuardLimit, ObstacleGuard
-from caris_desktop.robot.profile import FloorOutline, GuardSettings, MotionLimits, RobotProfile, TopicSource
+from caris_desktop.robot.guard import (
+    CRAWL_MPS,
+    MEMORY_S,
+    Footprint,
+    GuardChangeDetector,
+    GuardLimit,
+    ObstacleGuard,
+    convex_hull,
+    transformed,
+)
+from caris_desktop.robot.profile_model import FloorOutline, GuardSettings, MotionLimits, RobotProfile, TopicSource
 from tests.support.yardstick import in_yardsticks
 
 AHEAD, BACK, LEFT = Twist2D(0.5), Twist2D(-0.3), Twist2D(0.0, 0.3)

@@ -14,10 +14,10 @@ from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.link_commands import Release
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
-from caris_desktop.robot.footprint import Footprint, transformed
-from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
+from caris_desktop.robot.guard import Footprint, GuardLimit, ObstacleGuard, transformed
 from caris_desktop.robot.lease import MotionLease
-from caris_desktop.robot.profile import FloorOutline, MotionLimits, RobotProfile, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import FloorOutline, MotionLimits, RobotProfile
 from caris_desktop.simulator import lidar, simulated_base
 from caris_desktop.simulator.floor_plan import DEPTH_M, WIDTH_M
 from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel

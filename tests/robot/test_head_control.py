@@ -6,9 +6,9 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import HeadMoved, Problem
 from caris_desktop.domain.link_commands import MoveHead, SetEmergencyStop
 from caris_desktop.domain.sensing import HeadState
-from caris_desktop.robot.profile import HeadInterface, RobotProfile
+from caris_desktop.robot.profile_model import HeadInterface, RobotProfile
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.joint_messages import (
+from caris_desktop.ros.message_conversion import (
     decode_joint_angles_with_speed,
     decode_joint_trajectory,
     encode_joint_state,

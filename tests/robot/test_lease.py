@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease, bounded_twist, ramp
-from caris_desktop.robot.profile import MotionLimits
+from caris_desktop.robot.profile_model import MotionLimits
 
 LIMITS = MotionLimits()
 PERIOD_S = 0.05

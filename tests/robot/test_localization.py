@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.robot.localization import MOST_FRAMES, PoseHistory, PoseTracker, TransformTree
-from caris_desktop.robot.profile import TransformFrames
+from caris_desktop.robot.profile_model import TransformFrames
 from caris_desktop.ros.message_conversion import Transform
 
 STEP_NS = 100_000_000

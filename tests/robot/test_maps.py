@@ -11,7 +11,7 @@ from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapReque
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.robot.maps import map_name_refusal
-from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource, TransformFrames
+from caris_desktop.robot.profile_model import MapServices, RobotProfile, TopicSource, TransformFrames
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
 SLAM = ("/slam_toolbox/serialize_map", "/slam_toolbox/deserialize_map", "/slam_toolbox/pause_new_measurements")

@@ -17,10 +17,9 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraLens, FrameRef, OccupancyGrid
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_media_link
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, TopicSource
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.message_conversion import Lens, encode_camera_info
-from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
+from caris_desktop.ros.message_conversion import Lens, encode_camera_info, encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 from tests.support.polling import wait_for

@@ -6,8 +6,13 @@ import pytest
 
 from caris_desktop.domain.control_definitions import fill_template
 from caris_desktop.domain.translation import tr, use_translator
-from caris_desktop.robot.message_check import MessageMismatchError, coerce_to_definition, definition_from_rosapi
-from caris_desktop.ros.definitions import shipped_definition, shipped_definitions
+from caris_desktop.ros.definitions import (
+    MessageMismatchError,
+    coerce_to_definition,
+    definition_from_rosapi,
+    shipped_definition,
+    shipped_definitions,
+)
 
 
 def check(type_: str, message: dict[str, Any], *, rounds: bool = False) -> dict[str, Any]:

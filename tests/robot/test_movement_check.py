@@ -14,7 +14,7 @@ from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by,
 from caris_desktop.domain.link_commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.movement_check import MovementCheck
-from caris_desktop.robot.profile import RobotProfile, TopicSource, VelocityTopic
+from caris_desktop.robot.profile_model import RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import decode_twist, encode_odometry, encode_twist, encode_twist_stamped
 from tests.robot.loop_bench import LoopBench, inventory, with_link

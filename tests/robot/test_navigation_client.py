@@ -9,7 +9,7 @@ from caris_desktop.domain.events import GoalChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import GoTo
 from caris_desktop.robot import navigation_client
-from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile
 from tests.robot.loop_bench import LoopBench, with_link
 
 ROBOT = RobotProfile("test", "Test", navigation=NavigationServer("move_base", "/move_base"))

@@ -8,7 +8,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import GoalChanged, NavigationSpeedChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import GoTo, LimitGoals
-from caris_desktop.robot.profile import NavigationServer, RobotProfile, SpeedLimitInterface
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile, SpeedLimitInterface
 from tests.robot.loop_bench import LoopBench, with_link
 
 PLANNER = "/move_base/DWAPlannerROS"
@@ -61,7 +61,7 @@ def test_a_planner_of_ros1_is_reported_before_the_goal_and_gets_its_own_speed_ba
     assert asked_for(used[0])[-1] == both(0.6), "the console has left"
 
 
-@pytest.mark.logs(r"robot\.navigation_speed: ")
+@pytest.mark.logs(r"robot\.navigation_client: ")
 def test_a_planner_that_does_not_take_it_is_reported_to_the_wizard_once() -> None:
     async def test(bench: LoopBench) -> None:
         def stays(_request: dict[str, Any]) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def test_a_planner_that_does_not_take_it_is_reported_to_the_wizard_once() -> Non
     with_link(ROS1, test)
 
 
-@pytest.mark.logs(r"robot\.navigation_speed: ")
+@pytest.mark.logs(r"robot\.navigation_client: ")
 def test_nav2_is_set_on_its_topic_which_needs_a_subscriber() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/controller_server"]}

@@ -14,25 +14,23 @@ from hypothesis import strategies as st
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import CallService, PublishMessage, SendActionGoal
 from caris_desktop.domain.schema_fields import Group, is_group, keys_of
-from caris_desktop.robot import profile_file
+from caris_desktop.robot import profile as profile_module
 from caris_desktop.robot.profile import (
-    FloorOutline,
-    ProfileError,
-    RobotProfile,
-    SpeechAction,
+    ProfileText,
     leaves_ros_open,
     list_profiles,
     load_profile,
     parse_profile,
+    polygon_mistake,
+    profile_data,
     profile_file_name,
+    profile_yaml,
     read_profile,
     save_profile,
     shipped_profiles,
     with_ros,
 )
-from caris_desktop.robot.profile_content import polygon_mistake, profile_data
-from caris_desktop.robot.profile_file import ProfileText, profile_yaml
-from caris_desktop.robot.profile_model import ProfileFile
+from caris_desktop.robot.profile_model import FloorOutline, ProfileError, ProfileFile, RobotProfile, SpeechAction
 from tests.support.examples import examples
 from tests.support.translated_messages import untranslated_part
 
@@ -298,8 +296,8 @@ def test_a_profile_of_an_older_version_is_raised_step_by_step(monkeypatch: pytes
     def double_the_rate(data: dict[str, Any]) -> dict[str, Any]:
         return {**data, "command_rate_hz": data["command_rate_hz"] * 2}
 
-    monkeypatch.setattr(profile_file, "PROFILE_VERSION", 3)
-    monkeypatch.setattr(profile_file, "MIGRATIONS", {1: name_the_velocity, 2: double_the_rate})
+    monkeypatch.setattr(profile_module, "PROFILE_VERSION", 3)
+    monkeypatch.setattr(profile_module, "MIGRATIONS", {1: name_the_velocity, 2: double_the_rate})
     with pytest.raises(ProfileError, match="line 1: this profile has version 4, made for a newer"):
         ProfileText("version: 4\nros: 1\n", "robot.yaml").raise_to_newest()
     text = ProfileText("version: 1\nros: 1\ndrive: /cmd_vel\ncommand_rate_hz: 10\n", "robot.yaml")
@@ -308,7 +306,7 @@ def test_a_profile_of_an_older_version_is_raised_step_by_step(monkeypatch: pytes
 
 
 def test_there_is_a_step_from_every_older_version() -> None:
-    assert set(profile_file.MIGRATIONS) == set(range(1, profile_file.PROFILE_VERSION))
+    assert set(profile_module.MIGRATIONS) == set(range(1, profile_module.PROFILE_VERSION))
 
 
 def test_a_password_in_an_address_is_not_repeated() -> None:

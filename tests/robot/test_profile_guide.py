@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.robot.profile import parse_profile, shipped_profiles
-from caris_desktop.robot.profile_file import ProfileText
+from caris_desktop.robot.profile import ProfileText, parse_profile, shipped_profiles
 
 GUIDE = (resources_dir() / "guide" / "robot-profiles.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", GUIDE, re.DOTALL)

@@ -11,9 +11,9 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.link_commands import Say, Silence
-from caris_desktop.robot import robot_speech, robot_speech_choice
+from caris_desktop.robot import robot_speech
 from caris_desktop.robot.action_client import FATE_UNKNOWN
-from caris_desktop.robot.profile import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
+from caris_desktop.robot.profile_model import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.speaking_time import estimated_duration_s
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
@@ -30,7 +30,7 @@ def told(bench: LoopBench) -> list[tuple[str, str, bool]]:
 
 @pytest.fixture(autouse=True)
 def _short_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_speech_choice, "estimated_duration_s", lambda *_: 0.02)
+    monkeypatch.setattr(robot_speech, "estimated_duration_s", lambda *_: 0.02)
 
 
 @pytest.mark.parametrize("answers_at_end", [True, False])
@@ -65,7 +65,7 @@ def test_by_its_speaking_topic_the_times_are_the_robots_own(monkeypatch: pytest.
         for speaking in (True, False):
             await bench.bridge.publish("/speaking", {"data": speaking})
         await bench.until(lambda: told(bench) == [("u1", "started", False), ("u1", "finished", False)], "its times")
-        monkeypatch.setattr(robot_speech_choice, "STARTS_WITHIN_S", 0.05)
+        monkeypatch.setattr(robot_speech, "STARTS_WITHIN_S", 0.05)
         bench.send(Say(now_ns(), "u2", "Hello"))
         await bench.until(lambda: told(bench)[2:] == [("u2", "failed", False)], "what it does not begin has failed")
 
@@ -81,7 +81,7 @@ def test_a_link_that_is_lost_in_mid_sentence_does_not_hold_the_voice(
     monkeypatch: pytest.MonkeyPatch, *, answers_at_end: bool, told_again: bool
 ) -> None:
     # Long enough for a reconnect where the robot reports the end, short otherwise.
-    monkeypatch.setattr(robot_speech_choice, "FATE_WITHIN_S", 20.0 if told_again else 0.05)
+    monkeypatch.setattr(robot_speech, "FATE_WITHIN_S", 20.0 if told_again else 0.05)
 
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "A long story"))
@@ -136,9 +136,8 @@ def test_silence_is_not_refused_while_the_link_is_lost(stop: str | None) -> None
 def test_a_robot_that_speaks_already_has_not_failed(
     monkeypatch: pytest.MonkeyPatch, *, speech: dict[str, Any], begins_again: bool
 ) -> None:
-    for module in (robot_speech_choice, robot_speech):
-        monkeypatch.setattr(module, "STARTS_WITHIN_S", 0.05)
-        monkeypatch.setattr(module, "STARTED_UNTOLD_S", 20.0 if begins_again else 0.05)
+    monkeypatch.setattr(robot_speech, "STARTS_WITHIN_S", 0.05)
+    monkeypatch.setattr(robot_speech, "STARTED_UNTOLD_S", 20.0 if begins_again else 0.05)
 
     async def test(bench: LoopBench) -> None:
         await bench.until(lambda: bench.bridge.operations("subscribe", "/speaking"), "it listens")
@@ -223,7 +222,7 @@ class Web:
 
 def with_web(
     web: Web,
-    test: Callable[[robot_speech_choice.RequestSpeech, list[UtteranceChanged], str], Awaitable[None]],
+    test: Callable[[robot_speech.RequestSpeech, list[UtteranceChanged], str], Awaitable[None]],
     **told: Any,
 ) -> None:
     """HTTP speech, which needs no link."""
@@ -235,11 +234,10 @@ def with_web(
         events: list[UtteranceChanged] = []
         speech = SpeechInterface(web=spoken)
         no_link: Any = None
-        one = robot_speech_choice.RequestSpeech(
-            no_link,
+        one = robot_speech.RequestSpeech(
             no_link,
             speech,
-            robot_speech_choice.WebSpeaker(spoken),
+            robot_speech.WebSpeaker(spoken),
             answers_at_end=spoken.answers_at_end,
             emit=events.append,
         )
@@ -260,7 +258,7 @@ async def until(observe: Callable[[], Any]) -> None:
 def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
     web = Web()
 
-    async def test(one: robot_speech_choice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: robot_speech.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", 'Say "hi" & $value', recorded="Say"))
         await until(lambda: [event.state for event in events] == ["started", "finished"])
         assert {event.text for event in events} == {"Say"}
@@ -279,10 +277,10 @@ def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
 def test_over_http_a_failure_is_reported_and_the_next_sentence_is_spoken(
     status: int, detail: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(robot_speech_choice, "SPEECH_ANSWERS_WITHIN_S", 0.2)
+    monkeypatch.setattr(robot_speech, "SPEECH_ANSWERS_WITHIN_S", 0.2)
     web = Web(status)
 
-    async def test(one: robot_speech_choice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: robot_speech.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: events)
         assert (events[0].state, detail in events[0].detail) == ("failed", True), events
@@ -294,10 +292,10 @@ def test_over_http_a_failure_is_reported_and_the_next_sentence_is_spoken(
 
 
 def test_over_http_nobody_there_is_reported_and_silence_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_speech_choice, "estimated_duration_s", lambda *_: 60.0)
+    monkeypatch.setattr(robot_speech, "estimated_duration_s", lambda *_: 60.0)
     web = Web()
 
-    async def test(one: robot_speech_choice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: robot_speech.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: [event.state for event in events] == ["started"])
         assert one.silence("wizard:b")
@@ -307,7 +305,7 @@ def test_over_http_nobody_there_is_reported_and_silence_is_requested(monkeypatch
     with_web(web, test, url="ROBOT/speak", body={"text": "$value"}, stop="ROBOT/hush")
     assert web.asked[1] == ("POST", "/hush", None)
 
-    async def nobody(one: robot_speech_choice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
+    async def nobody(one: robot_speech.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: events)
         assert "cannot be reached" in events[0].detail

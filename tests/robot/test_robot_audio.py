@@ -10,9 +10,9 @@ import pytest
 from caris_desktop.domain import clock, link_commands
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.robot.console_sender import ConsoleSender
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.ros.audio_messages import AudioForm, encode_audio_info
+from caris_desktop.robot.link_process import ConsoleSender
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
+from caris_desktop.ros.message_conversion import AudioForm, encode_audio_info
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
 TONE = (np.sin(np.arange(1600) / 10) * 8000).astype(np.int16)

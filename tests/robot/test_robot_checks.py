@@ -8,14 +8,8 @@ from typing import Any
 import pytest
 
 from caris_desktop.robot.discovery import ExploreError, check_streams, explore_robot
-from caris_desktop.robot.profile import (
-    CameraTopic,
-    RobotProfile,
-    TopicSource,
-    load_profile,
-    parse_profile,
-    shipped_profiles,
-)
+from caris_desktop.robot.profile import load_profile, parse_profile, shipped_profiles
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, TopicSource
 from caris_desktop.robot.robot_checks import (
     LinkProbe,
     RobotInventory,

@@ -9,7 +9,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.robot import robot_speech
-from caris_desktop.robot.profile import RobotProfile, SpeechAction, SpeechInterface
+from caris_desktop.robot.profile_model import RobotProfile, SpeechAction, SpeechInterface
 from tests.robot.loop_bench import LoopBench, with_link
 
 TTS = SpeechInterface(

@@ -16,7 +16,7 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.link_commands import CancelGoal, Drive, GoTo
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
 from caris_desktop.robot import control_link, sensors
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
     LaserMount,
     NavigationServer,
     RobotProfile,
@@ -26,8 +26,13 @@ from caris_desktop.robot.profile import (
 )
 from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect, encode_time
-from caris_desktop.ros.message_conversion import encode_laser_scan, encode_odometry, encode_tf_message
-from caris_desktop.ros.navigation_messages import encode_clock, encode_path
+from caris_desktop.ros.message_conversion import (
+    encode_clock,
+    encode_laser_scan,
+    encode_odometry,
+    encode_path,
+    encode_tf_message,
+)
 from caris_desktop.ros.rosbridge import encode_json
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 

@@ -42,14 +42,14 @@ def test_the_wizard_of_a_humanoid_can_go_sideways_and_look_around() -> None:
 
 
 def test_the_camera_of_the_simulated_robot_is_the_one_that_it_draws_with() -> None:
-    from caris_desktop.simulator import camera_model
+    from caris_desktop.simulator import robot_simulation
     from caris_desktop.simulator.robot_simulation import Body
 
     for name in ("simulated", "simulated-ros2"):
         model = load_profile(name).cameras[0].model
         assert model is not None
-        assert (model.width_px, model.height_px) == (camera_model.WIDTH_PX, camera_model.HEIGHT_PX)
-        assert model.fx_px == pytest.approx(camera_model.FOCAL_PX)
+        assert (model.width_px, model.height_px) == (robot_simulation.WIDTH_PX, robot_simulation.HEIGHT_PX)
+        assert model.fx_px == pytest.approx(robot_simulation.FOCAL_PX)
         assert (model.x_m, model.z_m) == (Body().robot_from_camera.x_m, Body().camera_height_m)
 
 

@@ -9,7 +9,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.robot import subscription_watchdog
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
     CameraTopic,
     HeadInterface,
     NavigationServer,

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.ros.audio_messages import (
+from caris_desktop.ros.definitions import cbor_carries
+from caris_desktop.ros.message_conversion import (
     AudioForm,
     decode_audio_data,
     decode_audio_info,
@@ -14,7 +15,6 @@ from caris_desktop.ros.audio_messages import (
     encode_audio_info,
     samples_of,
 )
-from caris_desktop.ros.definitions import cbor_carries
 from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.rosbridge import decode_cbor, decode_json, encode_cbor, encode_json
 

@@ -13,14 +13,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
-from caris_desktop.ros import (
-    action_messages,
-    joint_messages,
-    map_services,
-    message_conversion,
-    navigation_messages,
-    rosbridge,
-)
+from caris_desktop.ros import action_messages, message_conversion, rosbridge
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_fields import MessageError, decode_heading, encode_heading
 from tests.support.examples import examples
@@ -334,31 +327,31 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
         {"status_list": [{"goal_info": {"goal_id": {"uuid": [0] * 16}}, "status": 2}]},
     ),
     "path": (
-        navigation_messages.decode_path,
-        over_json(navigation_messages.encode_path(Dialect.ROS1, np.ones((2, 2), np.float32), stamp_ns=STAMP_NS)),
+        message_conversion.decode_path,
+        over_json(message_conversion.encode_path(Dialect.ROS1, np.ones((2, 2), np.float32), stamp_ns=STAMP_NS)),
     ),
     "map_update": (
-        navigation_messages.decode_occupancy_grid_update,
+        message_conversion.decode_occupancy_grid_update,
         over_json(
-            navigation_messages.encode_occupancy_grid_update(Dialect.ROS1, grid().cells, x=1, y=2, stamp_ns=STAMP_NS)
+            message_conversion.encode_occupancy_grid_update(Dialect.ROS1, grid().cells, x=1, y=2, stamp_ns=STAMP_NS)
         ),
     ),
-    "clock": (navigation_messages.decode_clock, navigation_messages.encode_clock(Dialect.ROS2, STAMP_NS)),
+    "clock": (message_conversion.decode_clock, message_conversion.encode_clock(Dialect.ROS2, STAMP_NS)),
     "joint_state": (
-        joint_messages.decode_joint_state,
-        over_json(joint_messages.encode_joint_state(Dialect.ROS1, {"a": 1.0}, stamp_ns=STAMP_NS)),
+        message_conversion.decode_joint_state,
+        over_json(message_conversion.encode_joint_state(Dialect.ROS1, {"a": 1.0}, stamp_ns=STAMP_NS)),
     ),
     "joint_trajectory": (
-        joint_messages.decode_joint_trajectory,
-        joint_messages.encode_joint_trajectory(Dialect.ROS2, {"a": 1.0}, duration_s=0.5),
+        message_conversion.decode_joint_trajectory,
+        message_conversion.encode_joint_trajectory(Dialect.ROS2, {"a": 1.0}, duration_s=0.5),
     ),
     "joint_angles": (
-        joint_messages.decode_joint_angles_with_speed,
-        joint_messages.encode_joint_angles_with_speed(Dialect.ROS1, {"a": 1.0}, speed_fraction=0.1),
+        message_conversion.decode_joint_angles_with_speed,
+        message_conversion.encode_joint_angles_with_speed(Dialect.ROS1, {"a": 1.0}, speed_fraction=0.1),
     ),
-    "load_map": (map_services.load_failure, {"result": 0}),
-    "save_map": (map_services.save_failure, {"result": True}),
-    "serialize_map": (map_services.serialize_failure, {"result": 0}),
+    "load_map": (message_conversion.load_failure, {"result": 0}),
+    "save_map": (message_conversion.save_failure, {"result": True}),
+    "serialize_map": (message_conversion.serialize_failure, {"result": 0}),
     "status": (
         action_messages.decode_goal_status_array,
         action_messages.encode_goal_status_array([action_messages.GoalStatus("g", 1)], stamp_ns=STAMP_NS),

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from caris_desktop.ros.message_conversion import FAR_M, NEAR_M, decode_image
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.raw_image import FAR_M, NEAR_M, decode_image
 
 WIDTH, HEIGHT = 6, 4
 BLUE, GREEN, RED = (250, 10, 20), (15, 240, 25), (30, 40, 230)  # BGR

@@ -106,7 +106,7 @@ def test_the_two_shipped_scenarios_differ_in_what_they_permit() -> None:
 def test_the_schema_is_one_and_knows_what_the_model_knows() -> None:
     schema = json.loads(schema_path().read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert tuple(schema["$defs"]["panel"]["enum"]) == get_args(scenario_model.PanelName)
+    assert tuple(schema["$defs"]["panel"]["anyOf"][0]["enum"]) == get_args(scenario_model.BuiltInPanel)
     for key, value_type in {
         "permissions": scenario_model.Permissions,
         "driving": scenario_model.DrivingLimits,
@@ -129,7 +129,8 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
             "panel: video",
             "panel: vidoe",
             "vidoe",
-            f"unknown panel 'vidoe'. Allowed: {', '.join(get_args(scenario_model.PanelName))}. Did you mean 'video'?",
+            f"unknown panel 'vidoe'. Allowed: {', '.join(get_args(scenario_model.BuiltInPanel))}, plugin:NAME. "
+            "Did you mean 'video'?",
         ),
         ("phrases:", "phrase:", "phrase:", "unknown key 'phrase'. Allowed: "),
         ("phrases:", "phrase:", "phrase:", "Did you mean 'phrases'?"),
@@ -212,7 +213,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_scenario(tmp_path / "none.yaml")
 
 
-panels = st.permutations(get_args(scenario_model.PanelName))
+panels = st.permutations(get_args(scenario_model.BuiltInPanel))
 
 
 @st.composite

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+from caris_desktop.perception.backends.ultralytics_runtime import prepare_ultralytics
 
 
 def main(weights: str, folder: str) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.ros.rosbridge import decode_json
-from caris_desktop.simulator.client_outbox import UNBOUNDED_LENGTH, ClientOutbox, Published, Subscription
+from caris_desktop.simulator.server import UNBOUNDED_LENGTH, ClientOutbox, Published, Subscription
 
 
 class Clock:

@@ -12,11 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
 from caris_desktop.simulator.characters import Appearance
 from caris_desktop.simulator.floor_plan import PLACES, START
 from caris_desktop.simulator.picture import Painter, person_sprites
-from caris_desktop.simulator.robot_simulation import ROBOT_FROM_CAMERA, View
+from caris_desktop.simulator.robot_simulation import FOCAL_PX, HEIGHT_PX, ROBOT_FROM_CAMERA, WIDTH_PX, View, sees
 from caris_desktop.simulator.simulated_people import Seen
 
 CAMERA = START @ ROBOT_FROM_CAMERA

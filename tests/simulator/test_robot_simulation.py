@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.simulator import path_planning
+from caris_desktop.simulator import simulated_navigation
 from caris_desktop.simulator.floor_plan import PLACES
 from caris_desktop.simulator.robot_simulation import Robot
 from caris_desktop.simulator.simulated_base import STEP_S
@@ -156,7 +156,7 @@ def test_people_walk_and_stop_without_walking_through_anything() -> None:
         now = [(person.x_m, person.y_m) for person in robot.people]
         moved = np.array([math.dist(a, b) for a, b in zip(last, now, strict=True)])
         assert moved.max() < 0.2
-        assert min(path_planning.clearance_m(*place) for place in now) > 0.2
+        assert min(simulated_navigation.clearance_m(*place) for place in now) > 0.2
         travelled += moved
         stood |= moved == 0.0
         last = now
@@ -165,14 +165,14 @@ def test_people_walk_and_stop_without_walking_through_anything() -> None:
 
 
 def test_paths_keep_their_distance() -> None:
-    way = path_planning.plan((1.0, 1.3), (14.75, 2.0), body_m=0.35)
+    way = simulated_navigation.plan((1.0, 1.3), (14.75, 2.0), body_m=0.35)
     assert way is not None
     for a, b in itertools.pairwise(way):
         for share in np.linspace(0.0, 1.0, 20):
             x, y = a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share
-            assert path_planning.clearance_m(x, y) > 0.27
-    around = path_planning.plan((3.0, 5.0), (9.0, 5.0), body_m=0.35, avoid=np.array([[6.0, 5.3, 0.2]]))
+            assert simulated_navigation.clearance_m(x, y) > 0.27
+    around = simulated_navigation.plan((3.0, 5.0), (9.0, 5.0), body_m=0.35, avoid=np.array([[6.0, 5.3, 0.2]]))
     assert around is not None
     assert min(math.dist(point, (6.0, 5.3)) for point in around) > 0.5
-    assert path_planning.plan((1.0, 1.3), (7.0, 8.3), body_m=0.35, give_way_m=0.3) is None
-    assert path_planning.plan((1.0, 1.3), (99.0, 99.0), body_m=0.35) is None
+    assert simulated_navigation.plan((1.0, 1.3), (7.0, 8.3), body_m=0.35, give_way_m=0.3) is None
+    assert simulated_navigation.plan((1.0, 1.3), (99.0, 99.0), body_m=0.35) is None

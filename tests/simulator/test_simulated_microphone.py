@@ -9,13 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.ros.audio_messages import decode_audio_data, samples_of
-from caris_desktop.simulator import participant
+from caris_desktop.ros.message_conversion import decode_audio_data, samples_of
+from caris_desktop.simulator import simulated_speech
 from caris_desktop.simulator.faults import Faults
-from caris_desktop.simulator.participant import BadSentences, Participant, read_sentences
-from caris_desktop.simulator.robot_interface import AudioTopics
+from caris_desktop.simulator.robot_models import AudioTopics
 from caris_desktop.simulator.robot_topics import SoundOnRos
-from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate, in_room
+from caris_desktop.simulator.simulated_speech import (
+    RATE_HZ,
+    BadSentences,
+    Microphone,
+    Participant,
+    at_rate,
+    in_room,
+    read_sentences,
+)
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -132,9 +139,9 @@ def test_speech_of_a_participant_is_read_from_a_file(tmp_path: Path) -> None:
 
 def keep(cache: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the sound into the cache."""
-    monkeypatch.setattr(participant, "_voice", lambda: ["voice", "-f"])
-    monkeypatch.setattr(participant, "_render", _beep)
-    assert asyncio.run(participant.rendered(text, cache)) is not None
+    monkeypatch.setattr(simulated_speech, "_voice", lambda: ["voice", "-f"])
+    monkeypatch.setattr(simulated_speech, "_render", _beep)
+    assert asyncio.run(simulated_speech.rendered(text, cache)) is not None
 
 
 async def _beep(command: list[str], _text: str) -> bool:
@@ -155,15 +162,15 @@ def test_a_sentence_is_spoken_once_and_retained_without_the_silence_around_it(
     async def never(*_: object) -> bool:
         raise AssertionError("it is kept")
 
-    monkeypatch.setattr(participant, "_render", never)
-    sound = asyncio.run(participant.rendered("Hello there.", tmp_path))
+    monkeypatch.setattr(simulated_speech, "_render", never)
+    sound = asyncio.run(simulated_speech.rendered("Hello there.", tmp_path))
     assert sound is not None and len(sound) == pytest.approx(3200, abs=50)
     assert [path.suffix for path in tmp_path.iterdir()] == [".wav"]
 
 
-@pytest.mark.logs(r"simulator\.participant: ")
+@pytest.mark.logs(r"simulator\.simulated_speech: ")
 def test_it_is_the_participants_turn_when_the_robot_has_spoken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(participant, "_THINKS_S", 0.0)
+    monkeypatch.setattr(simulated_speech, "_THINKS_S", 0.0)
     for text in ("One.", "Two.", "Asked for."):
         keep(tmp_path, text, monkeypatch)
 

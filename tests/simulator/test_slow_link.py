@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.ros.rosbridge import ProtocolError, decode_cbor, decode_json
-from caris_desktop.simulator.client_outbox import Published
 from caris_desktop.simulator.faults import malformed_messages
-from caris_desktop.simulator.server import BUFFER_BYTES, ClientWire
+from caris_desktop.simulator.server import BUFFER_BYTES, ClientWire, Published
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 

@@ -14,12 +14,12 @@ from caris_desktop.study.study_folder import (
     StudyFolderError,
     default_study_path,
     file_name_part,
+    following,
     load_last_details,
     new_session_folder,
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial_order import following
 
 NOW = datetime(2026, 11, 21, 10, 14, 2).astimezone()
 

@@ -8,7 +8,7 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtGui import QAccessible, QAccessibleInterface
 from PySide6.QtWidgets import QAbstractScrollArea, QScrollBar, QWidget
 
-from caris_desktop.ui.layout.dock_area import DockArea
+from caris_desktop.ui.dock_area import DockArea
 from caris_desktop.ui.overlay import Overlay
 
 Role = QAccessible.Role

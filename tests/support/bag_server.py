@@ -19,8 +19,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.simulator.ros_context import RobotClock
-from caris_desktop.simulator.rosapi import offer_rosapi
+from caris_desktop.simulator.ros_context import RobotClock, offer_rosapi
 from caris_desktop.simulator.server import BridgeServer, Topic
 
 TYPESTORE = get_typestore(Stores.ROS1_NOETIC)

@@ -12,7 +12,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry
 from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.simulator.rosapi import offer_rosapi
+from caris_desktop.simulator.ros_context import offer_rosapi
 from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Topic
 
 READY = "Latched robot ready at "

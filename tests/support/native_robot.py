@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.control_definitions import CallService, RobotControl, SendActionGoal
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import (
     EmergencyStopInterface,
     RobotProfile,
     SpeechInterface,
     TopicSource,
     VelocityTopic,
-    load_profile,
 )
 from caris_desktop.robot.ros2_robot import PYTHON_VARIABLE
 from tests.support.polling import wait_for

@@ -59,12 +59,10 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
-from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import FASTEST, VideoFileWriter
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, VideoInfo
+from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, SessionClock, VideoInfo
 
 SECOND_NS = 1_000_000_000
 LAYOUTS = Path(__file__).parents[2] / "layouts"

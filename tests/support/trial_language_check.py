@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.dock_area import Dock
 from tests.support.window_check import painted_by
 
 _FILL = {"ēx", "ìpsum", "lörem", "dölor", "sît"}

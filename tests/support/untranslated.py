@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.theme import icon_names
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ButtonRole
 from tests.support.parsed_sources import parsed
@@ -40,7 +40,6 @@ EXEMPT: dict[str, dict[str, str]] = {
     "app/check_command.py": {"*": _TERMINAL},
     "app/anonymise_command.py": {"*": _TERMINAL},
     "app/command_table.py": {"*": _TERMINAL},
-    "app/commands_page.py": {"*": "a page of the guide, which is English"},
     "app/composition.py": {
         "imported bags": _FOLDER,
         "hearing along": _PROCESS,
@@ -62,12 +61,11 @@ EXEMPT: dict[str, dict[str, str]] = {
     "app/plugin_contracts.py": {"*": _TERMINAL},
     "app/statistics_command.py": {"*": _TERMINAL},
     "app/rehearse_command.py": {"*": _PLAYED},
-    "app/rehearsal.py": {"*": _PLAYED},
     "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "name of the program"},
     "app/robots_command.py": {"ROS {}": _TERMINAL, "Unknown ROS version": _TERMINAL},
     "app/track_command.py": {"*": _TERMINAL},
     "live/services/assistant_service.py": {"Hello.": _PROMPT, "person {}": _PROMPT, "group {}": _PROMPT},
-    "live/preflight_checks.py": {"by hand: {}": "name of a check in the recording"},
+    "live/services/preflight_service.py": {"by hand: {}": "name of a check in the recording"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/services/session_service.py": {"plug-in {}": _RECORD},
     "live/services/sound_service.py": {"(the wizard’s own voice)": "recorded instead of the transcript"},
@@ -94,9 +92,8 @@ EXEMPT: dict[str, dict[str, str]] = {
     "ui/replay/timeline_view.py": {"tier {}": _ROW},
     "ui/replay/timeline_items.py": {"tier {}": _ROW, "pictures {}": _ROW, "sound {}": _ROW, "record {}": _ROW},
     "app/generated_reference.py": {"*": _GUIDE},
-    "ui/shortcuts/shortcut_reference.py": {"*": _GUIDE},
-    "ui/shortcuts/shortcut_sheet.py": {"Enter": _CAP},
-    "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "key of the settings"},
+    "ui/shortcut_reference.py": {"*": _GUIDE},
+    "ui/shortcut_sheet.py": {"Enter": _CAP, "shortcuts unread": "key of the settings"},
     "ui/speak/speak_field.py": {
         "Enter": _CAP,
         "{} (eSpeak)": "names of a voice and its engine",

@@ -16,11 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
 from caris_desktop.simulator.characters import CHARACTERS, Appearance, draw
 from caris_desktop.simulator.floor_plan import START
 from caris_desktop.simulator.picture import Painter
-from caris_desktop.simulator.robot_simulation import ROBOT_FROM_CAMERA, View
+from caris_desktop.simulator.robot_simulation import (
+    FOCAL_PX,
+    HEIGHT_PX,
+    MOUNT_HEIGHT_M,
+    ROBOT_FROM_CAMERA,
+    WIDTH_PX,
+    View,
+)
 from caris_desktop.simulator.simulated_people import Visit
 
 PEOPLE = len(CHARACTERS)

@@ -13,8 +13,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.scenario.scenario_library import ScenarioChoice
-from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.layout.layout_tree import panels_in, without
+from caris_desktop.scenario.scenario_model import Scenario, panels_in
+from caris_desktop.ui.dock_layout import without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

@@ -7,13 +7,13 @@ import sys
 import time
 from collections.abc import Callable
 
-from PySide6.QtCore import QPoint, Qt, QTimer
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui.input import drive_input_filter, keyboard_grab
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
+from caris_desktop.scenario.scenario_model import panels_in
+from caris_desktop.ui.dock_layout import groups_in, without
+from caris_desktop.ui.input import drive_input_filter, physical_keys
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.speak.speak_field import SpeakField
 from tests.support.stdin_commands import StdinCommands
@@ -154,7 +154,7 @@ class Subject(StdinCommands):
         self.console.stop = slow_stop  # type: ignore[method-assign]
 
     def do_keep_keys(self, seconds: str) -> None:
-        keyboard_grab.KEPT_S = float(seconds)
+        physical_keys.KEPT_S = float(seconds)
         self.window.hold._keyboard_grab.give_back()
 
     def do_combo(self) -> None:
@@ -168,7 +168,7 @@ class Subject(StdinCommands):
         self.line.setFocus()
 
     def do_float(self, name: str, x: str, y: str) -> None:
-        self.window.dock_host.float_panel(name, Rect(int(x), int(y), 420, 300))  # type: ignore[arg-type]
+        self.window.dock_host.float_panel(name, QRect(int(x), int(y), 420, 300))  # type: ignore[arg-type]
 
     def do_focus(self, name: str) -> None:
         widget = self.window.findChild(QWidget, name)

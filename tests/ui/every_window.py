@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import shiboken6
 from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWidget, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWidget, QTabWidget, QWidget
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
@@ -18,12 +18,12 @@ from caris_desktop.live.status import CrashRecoveryStatus, LiveRobotsStatus, Pra
 from caris_desktop.robot.discovery import Exploration
 from caris_desktop.robot.profile_proposal import propose
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.ui.language import ENGLISH, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH, Language
 from caris_desktop.ui.window_menus import TitleDialog
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from tests.support.window_check import text_flaws
@@ -150,7 +150,7 @@ class EveryWindow:
         robots = self.window.robots
         robots.open_dialog()
         yield self._own("robot", "robot_dialog")
-        for name, page in (("robot mapped", "robot_page_0"), ("robot offers", "robot_page_1")):
+        for name, page in (("robot mapped", 0), ("robot offers", 1)):
             robots.open_dialog()
             seen = self._own(name, "robot_dialog")
             field = seen.part.findChild(QLineEdit, "robot_address")
@@ -160,7 +160,9 @@ class EveryWindow:
                 _press(seen.part, "robot_security")
             _press(seen.part, "robot_look")
             self.explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
-            _press(seen.part, page)
+            pages = seen.part.findChild(QTabWidget, "robot_pages")
+            assert pages is not None
+            pages.setCurrentIndex(page)
             yield seen
         _close(seen)
         self.window.gamepad.open()

@@ -135,6 +135,9 @@ class FakeConsole:
         )
         self.state.event_happened.connect(self._on_event)
 
+    def report(self, problem: Problem) -> None:
+        self.state.event_happened.emit(problem)
+
     def _on_event(self, event: object) -> None:
         if isinstance(event, Problem) and not self.is_replay:
             self.alarms.add(event)

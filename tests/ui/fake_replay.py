@@ -25,8 +25,7 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import SessionHeader
+from caris_desktop.recording.session.session_header import SessionClock, SessionHeader
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.scenario.scenario_model import PanelLeaf, RecordingSettings, Scenario
 from caris_desktop.ui.action_bindings import Actions

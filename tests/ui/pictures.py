@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from PySide6.QtGui import QImage, QPainter
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH
 from tests.ui.every_window import USUAL, EveryWindow
 from tests.ui.test_every_size import LANGUAGES, SCALES, Case, Shown, everything, pairwise
 

@@ -15,9 +15,16 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.action_bindings import actions_for, cap_text, keyed_phrases
-from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS, say_keyed_phrase
-from caris_desktop.ui.action_spec import ActionSpec, gives
-from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.action_rows import (
+    ACTIONS,
+    QUEUE_GROUP,
+    REPLAY_ACTIONS,
+    TIMELINE_ACTIONS,
+    ActionSpec,
+    gives,
+    say_keyed_phrase,
+    speed_after,
+)
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.marking import Marking
@@ -27,8 +34,7 @@ from caris_desktop.ui.panels.speak_panel import QueueList
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_commands import TimelineCommands
-from caris_desktop.ui.speed_steps import fraction_after
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole
@@ -170,7 +176,7 @@ def asked_by(window: MainWindow) -> dict[str, Intent]:
 
 def test_a_row_carries_the_intent_that_it_asks_for(window: MainWindow, console: FakeConsole) -> None:
     asked = asked_by(window)
-    faster = fraction_after(console.state.drive.value.speed_fraction, 1)
+    faster = speed_after(console.state.drive.value.speed_fraction, 1)
     expected = {
         "stop": intents.Stop(),
         "emergency_stop": intents.EmergencyStop(),

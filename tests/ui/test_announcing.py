@@ -14,7 +14,7 @@ from caris_desktop.domain.actor import OTHER_WIZARD, WIZARD
 from caris_desktop.domain.events import ANSWER, EmergencyStopChanged, GoalChanged, PlacesChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, DriveStatus
-from caris_desktop.ui.announcing import KEPT_MS, Announcement
+from caris_desktop.ui.accessibility import KEPT_MS, Announcement
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

@@ -7,7 +7,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.closing_window import ClosingWindow
+from caris_desktop.ui.quit_guard import ClosingWindow
 from caris_desktop.ui.theme import Theme
 
 

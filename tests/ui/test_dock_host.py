@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
-from caris_desktop.ui.layout.layout_tree import panels_in, with_tab, without
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode, panels_in
+from caris_desktop.ui.dock_layout import with_tab, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

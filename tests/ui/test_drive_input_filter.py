@@ -13,12 +13,12 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import DriveEnded
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.teleop_command import TeleopCommand, merged
-from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
+from caris_desktop.live.gamepad import TeleopCommand, merged
+from caris_desktop.robot.profile_model import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.input.teleop_input import command_of
-from caris_desktop.ui.key_positions import key_code, position_codes, position_of
+from caris_desktop.ui.key_choices import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui.conftest import find

@@ -13,10 +13,10 @@ from PySide6.QtWidgets import QApplication, QLabel
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.support.window_check import text_flaws
 from tests.ui import samples
 from tests.ui.conftest import freshen

@@ -4,10 +4,10 @@ import pytest
 from PySide6.QtCore import QSize
 from PySide6.QtWidgets import QLabel, QScrollArea, QWidget
 
-from caris_desktop.ui.language import ENGLISH, TRIAL
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL
 from tests.support.window_check import cut_off
 from tests.ui.every_window import SMALL, SMALLEST, USUAL, EveryWindow
 

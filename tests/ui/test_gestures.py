@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import intents
 from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.addressee import addressee
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.phrases import Gesture
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, parse_scenario

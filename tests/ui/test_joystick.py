@@ -8,8 +8,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
-from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
+from caris_desktop.live.gamepad import AT_REST, TeleopCommand
+from caris_desktop.robot.profile_model import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.drive_panel import Joystick, stick_command
 from caris_desktop.ui.theme import Theme

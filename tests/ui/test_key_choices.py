@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.scenario.phrases import Phrase
 from caris_desktop.ui.action_bindings import rows_of
-from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS, ActionSpec
 from caris_desktop.ui.key_choices import (
     COLUMNS,
     Column,

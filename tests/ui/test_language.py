@@ -9,8 +9,8 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import language
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language, in_trial_language
+from caris_desktop.ui import window_appearance
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language, in_trial_language
 
 _TS = """<?xml version="1.0" encoding="utf-8"?>
 <!DOCTYPE TS>
@@ -37,8 +37,8 @@ def test_a_translation_next_to_the_program_is_spoken(
     lrelease = Path(sys.executable).with_name("pyside6-lrelease")
     made = [lrelease, tmp_path / "german.ts", "-qm", tmp_path / "caris_desktop_de.qm"]
     subprocess.run(made, check=True, capture_output=True)
-    monkeypatch.setattr(language, "translations_dir", lambda: tmp_path)
-    assert language.languages() == ("en", "de")
+    monkeypatch.setattr(window_appearance, "translations_dir", lambda: tmp_path)
+    assert window_appearance.languages() == ("en", "de")
     spoken.use("de")
     assert (tr("Stop"), tr("Stop", "of a bus"), tr("Unknown")) == ("Halt", "Haltestelle", "Unknown")
     assert (tr("%n people", "", 1), tr("%n people", "", 4)) == ("1 Mensch", "4 Menschen")

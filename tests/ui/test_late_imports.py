@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.late_imports import MODULES, LateImports
+from caris_desktop.ui.panel_manager import MODULES, LateImports
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.test_panel_table import LATE
 
@@ -48,8 +48,8 @@ def test_they_wait_while_a_person_drives_and_come_one_at_a_time(
 
 
 def test_they_come_automatically_once_the_window_stands(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("caris_desktop.ui.late_imports.BEGIN_AFTER_MS", 0)
-    monkeypatch.setattr("caris_desktop.ui.late_imports.EVERY_MS", 0)
+    monkeypatch.setattr("caris_desktop.ui.panel_manager.BEGIN_AFTER_MS", 0)
+    monkeypatch.setattr("caris_desktop.ui.panel_manager.EVERY_MS", 0)
     read: list[str] = []
     asked, window = [], QObject()
     first = (lambda: read.append("scenarios"),)

@@ -26,7 +26,7 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.live.status import MapStatus
-from caris_desktop.robot.profile import NavigationServer, RobotProfile
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.map.map_items import GridRaster

@@ -10,10 +10,11 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.robot.profile import HeadInterface, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind, RecordingSettings
 from caris_desktop.ui.action_rows import ACTIONS
-from caris_desktop.ui.key_positions import position_codes
+from caris_desktop.ui.key_choices import position_codes
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import FrameView

@@ -11,9 +11,9 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.ui.conversation.transcript_view import TranscriptView
+from caris_desktop.ui.dock_area import PanelTitleBar
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import ObserverWindow, Sees
-from caris_desktop.ui.panel_title_bar import PanelTitleBar
+from caris_desktop.ui.observer_window import ObserverWindow, Sees
 from caris_desktop.ui.panels.session_panel import SessionPanel
 from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts

@@ -11,10 +11,10 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.obstacle_ahead import Ahead, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panels.video_panel import VideoPanel, guard_chip
+from caris_desktop.ui.robot_motion import Ahead, ahead_of, ahead_words, gaze_is_away
 from tests.ui import samples
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole

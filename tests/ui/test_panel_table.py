@@ -8,12 +8,11 @@ from typing import get_args
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.scenario_model import PanelName, Permissions
-from caris_desktop.ui.icons import icon_names
+from caris_desktop.scenario.scenario_model import BuiltInPanel, PanelName, Permissions
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS, possible_panels
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole
@@ -26,7 +25,7 @@ LATE = (
 
 
 def test_every_panel_that_a_scenario_can_name_has_its_row() -> None:
-    assert set(PANELS) == set(get_args(PanelName))
+    assert set(PANELS) == set(get_args(BuiltInPanel))
     assert {spec.icon for spec in PANELS.values()} <= icon_names()
     assert all(set(spec.neighbours) <= set(PANELS) - {name} for name, spec in PANELS.items())
 

@@ -36,7 +36,7 @@ from caris_desktop.live.status import (
     RecordingStatus,
     SpeechStatus,
 )
-from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.map.map_state import scan_points_in_map
 from caris_desktop.ui.panel import PanelContext

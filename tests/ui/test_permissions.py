@@ -29,14 +29,14 @@ from caris_desktop.scenario.scenario_model import (
 )
 from caris_desktop.ui.action_bindings import actions_for
 from caris_desktop.ui.action_rows import ACTIONS
-from caris_desktop.ui.app_context import THEME_WORDS
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.panels.conversation_panel import SuggestionCards
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.popups import FloatingCard
+from caris_desktop.ui.window_menus import THEME_WORDS
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole

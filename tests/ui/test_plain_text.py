@@ -32,7 +32,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.state import LiveValue
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.ui import language
+from caris_desktop.ui import window_appearance
 from caris_desktop.ui.help_window import GuideBrowser
 from caris_desktop.ui.theme import Theme
 from tests.ui import every_window, samples
@@ -84,10 +84,10 @@ def windows(theme: Theme, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(samples, "fill_console", fill_marked)
     monkeypatch.setattr(every_window, "load_scenario", lambda _path: load_scenario(scenario_file))
     monkeypatch.setattr(
-        language, "in_trial_language",
+        window_appearance, "in_trial_language",
         lambda text, _meant, number: f"{mark}{text}".replace("%n", str(number)) if text else "",
     )  # fmt: skip
-    opened = EveryWindow(theme, language.TRIAL)
+    opened = EveryWindow(theme, window_appearance.TRIAL)
     yield opened
     opened.close()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
@@ -148,7 +148,7 @@ def test_texts_of_qt_itself_are_plain(theme: Theme, mark: str, qapp: QApplicatio
 
 
 def test_a_tooltip_of_many_words_takes_several_lines(theme: Theme, qapp: QApplication) -> None:
-    from caris_desktop.ui.wrapped_tip import wrapped_tip
+    from caris_desktop.ui.text_formatting import wrapped_tip
 
     assert max(map(len, wrapped_tip("word <b> " * 60).splitlines())) < 100
     assert wrapped_tip("first\nsecond") == "first\nsecond"

@@ -8,8 +8,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import intents
 from caris_desktop.live.services.practice_service import STEPS
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
+from caris_desktop.ui.first_use import practised
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.practice.practice_strip import practised
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -60,9 +60,9 @@ def test_the_result_is_saved_once_for_the_wizard(window: MainWindow, console: Fa
         ended = replace(status_at(10), state="ended", done=10, score=score, minutes=6.5)
         console.state.practice.set(ended)
         window.practice._show(ended)  # as when a key is changed meanwhile
-    assert [run.score for run in practised(window.wizards)] == [70, 82]
+    assert [run["score"] for run in practised(window.wizards)] == [70, 82]
     assert "82 of 100" in _text(window, "practice_title") and "70" in _text(window, "practice_how")
     window.wizards.choose("Ben")
-    assert practised(window.wizards) == ()
+    assert practised(window.wizards) == []
     console.state.practice.set(PracticeStatus())
     assert window.practice.isHidden()

@@ -21,13 +21,14 @@ from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.palette_entries import step_entries
-from caris_desktop.ui.protocol_strip import ProtocolStrip, short_time, time_words
+from caris_desktop.ui.protocol_strip import ProtocolStrip, time_words
+from caris_desktop.ui.text_formatting import duration
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import CheckBox
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.support.polling import wait_for
 from tests.support.tab_order_check import tab_order
 from tests.support.window_check import text_flaws
@@ -231,7 +232,7 @@ def test_time_is_reported_in_words_and_late_in_words_and_colour() -> None:
         "1:01:40 of 1:30 · 1:00:10 late",
     ]  # fmt: skip
     assert time_words(dataclasses.replace(status, expected_s=0.0), 125_000_000_000) == "2:05"
-    assert short_time(3723) == "1:02:03"
+    assert duration(3723) == "1:02:03"
 
 
 def test_a_step_that_is_late_says_so_on_its_pill(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

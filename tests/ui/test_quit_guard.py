@@ -7,8 +7,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.live.gamepad import AT_REST, TeleopCommand
 from caris_desktop.live.status import DriveStatus, RecordingStatus
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

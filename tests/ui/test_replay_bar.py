@@ -14,10 +14,9 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.recording.annotation.timeline_overview import Moment
 from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS
-from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.replay.replay_bar import RATES, ReplayTimes, SeekPreview
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui.conftest import click, find
 from tests.ui.fake_replay import STARTED_NS, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
 

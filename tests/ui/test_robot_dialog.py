@@ -6,13 +6,14 @@ from typing import Any
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, Resemblance, StreamCheck
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
+from caris_desktop.robot.profile import load_profile, user_robots_dir
+from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
@@ -116,7 +117,8 @@ def test_looking_shows_what_is_proposed_and_all_that_is_offered(
     assert scan is not None
     assert [scan.box.itemText(index) for index in range(scan.box.count())] == ["– not used –", "/scan", "/scan_rear"]
     assert scan.value == "/scan"
-    click(qtbot, find(dialog, "robot_page_1"))
+    bar = find(dialog, "robot_pages").findChild(QTabBar)
+    QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(1).center())
     type_into(dialog, "robot_filter", "scan")
     assert [dialog.offer_list.item(row).text() for row in range(dialog.offer_list.count())] == [
         "topic   /scan   sensor_msgs/LaserScan",

@@ -14,9 +14,9 @@ from caris_desktop.domain.control_definitions import CallService, Choice, Publis
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.live.status import ControlStatus, LinkStatus
 from caris_desktop.robot.profile import load_profile, shipped_profiles
-from caris_desktop.ui.control_messages import value_words
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.robot_panel import ControlEntry, RobotPanel
+from caris_desktop.ui.text_formatting import value_words
 from caris_desktop.ui.widgets.inputs import DropDown
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

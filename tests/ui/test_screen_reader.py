@@ -18,12 +18,12 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.ui.accessible_roles import install_accessible_roles
-from caris_desktop.ui.language import ENGLISH
+from caris_desktop.ui.accessibility import install_accessible_roles
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.motion_panel import MotionPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.window_appearance import ENGLISH
 from tests.support.accessibility_check import accessibility_flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen

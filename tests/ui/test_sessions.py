@@ -20,18 +20,24 @@ from caris_desktop.live.services.load_shedding_service import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session_export import FORMATS
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
+from caris_desktop.scenario.scenario_model import (
+    BlurSettings,
+    PanelLeaf,
+    Permissions,
+    RecordingSettings,
+    SplitNode,
+    panels_in,
+)
 from caris_desktop.ui.export_dialog import ExportDialog
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel
-from caris_desktop.ui.session_table import COLUMNS, lacks_words, local_time
-from caris_desktop.ui.sessions_window import SessionsWindow
+from caris_desktop.ui.sessions_window import COLUMNS, SessionsWindow, lacks_words
 from caris_desktop.ui.start_dialog import StartDialog, contents_sentence, last_details
+from caris_desktop.ui.text_formatting import local_time
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -259,10 +265,10 @@ def test_pixelation_of_people_is_stated() -> None:
     assert "pixelated" not in contents_sentence(nothing, None, BlurSettings("everybody"))
 
 
-def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
+def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
-    dialog = StartDialog(theme, parent)
+    dialog = StartDialog(theme, parent, console)
     dialog.know(BeforeRecording(TrialDetails(participant="P07", trial="3")))
     dialog.show()
     participant, trial = find(dialog, "start_participant"), find(dialog, "start_trial")
@@ -278,13 +284,13 @@ def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> 
     assert dialog.details().trial == "pilot", "what was typed stays"
 
 
-def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
+def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
     suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim", recording="1")
     last = last_details(suggested, None)
     assert last is not None
-    dialog = StartDialog(theme, parent)
+    dialog = StartDialog(theme, parent, console)
     dialog.know(BeforeRecording(suggested), last)
     begun: list[TrialDetails] = []
     dialog.begin.connect(lambda details, _anyway: begun.append(details))

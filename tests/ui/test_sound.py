@@ -11,12 +11,11 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Permissions, SoundSettings
-from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.input.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.sound_menu import add_sound_menus
+from caris_desktop.ui.menus import add_sound_menus
 from caris_desktop.ui.speak.speak_field import SpeakField
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole

@@ -18,9 +18,9 @@ from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus,
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.banners import EmergencyBanner
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.observer_window import StatusIndicators
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.status_bar import StatusItem
-from caris_desktop.ui.status_indicators import StatusIndicators
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

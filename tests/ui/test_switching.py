@@ -17,11 +17,10 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import AssistantSetup
 from caris_desktop.scenario.phrases import PhraseGroup
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, panels_in
 from caris_desktop.ui import panel_manager
+from caris_desktop.ui.dock_layout import DockLayout
 from caris_desktop.ui.event_messages import CATEGORIES
-from caris_desktop.ui.layout.dock_layout import DockLayout
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS

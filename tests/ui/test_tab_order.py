@@ -5,10 +5,10 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
-from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.window_appearance import ENGLISH
 from tests.support.tab_order_check import tab_order, tab_order_flaws
 from tests.ui.every_window import USUAL, EveryWindow
 from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture

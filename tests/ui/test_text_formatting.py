@@ -37,8 +37,7 @@ from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import localized, tr, use_translator
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import event_messages, text_formatting
-from caris_desktop.ui.preflight import preflight_words
-from caris_desktop.ui.session_table import purpose_title
+from caris_desktop.ui.text_formatting import purpose_title
 from tests.support.translated_messages import untranslated_part
 
 
@@ -192,7 +191,7 @@ def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
         "Session", "<<Suggested replies>: <Automatic (after a countdown)>>"
     )  # fmt: skip
     checked = PreflightChecked(1, "robot", "Robot", "minor", at_start=True)
-    assert preflight_words.log_line(checked) == ("Session", "<Started with: <Robot> (minor)>")
+    assert event_messages.check_line(checked) == ("Session", "<Started with: <Robot> (minor)>")
 
 
 @pytest.mark.usefixtures("marked")

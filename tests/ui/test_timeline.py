@@ -786,7 +786,7 @@ def test_a_scripted_coder_codes_many_labels_in_the_real_window(
 ) -> None:
     from sklearn.metrics import cohen_kappa_score
 
-    from caris_desktop.recording.annotation.eaf_import import read_eaf
+    from caris_desktop.recording.annotation.annotation_import import read_eaf
     from caris_desktop.recording.exporters.eaf import eaf_text
 
     duration_ms = 700_000

@@ -15,8 +15,8 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.obstacle_ahead import nearest_of, nearest_words
 from caris_desktop.ui.panels.drive_panel import Joystick
+from caris_desktop.ui.robot_motion import nearest_of, nearest_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import RecentlyVisible, ThrottledAccessibleDescription
 from tests.ui.conftest import find

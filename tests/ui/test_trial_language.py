@@ -16,14 +16,13 @@ from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.people.presence import is_unnamed_label
 from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import PanelName, Permissions, TabNode
+from caris_desktop.scenario.scenario_model import BuiltInPanel, Permissions, TabNode
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
-from caris_desktop.ui.layout.dock import Dock
-from caris_desktop.ui.layout.dock_area import PanelTabs
+from caris_desktop.ui.dock_area import Dock, PanelTabs
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.support.trial_language_check import (
     StudyTexts,
     is_unmarked,
@@ -143,7 +142,7 @@ class Spoken:
         everything = Permissions(**dict.fromkeys((each.name for each in dataclasses.fields(Permissions)), True))
         tour = next(one for one in self.scenarios if one.path is not None and one.path.stem == "tour-guide")
         # More panels in one tab bar than fit.
-        crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(PanelName)))
+        crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(BuiltInPanel)))
         self.console.scenario = crowded
         self.console.state.scenario.reset_value(crowded)
         self.console.state.places.set(crowded.places)

@@ -17,7 +17,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import HeadState, People, PersonBox, RobotPose, ThingBox
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
+from caris_desktop.robot.profile_model import CameraTopic, NavigationServer, RobotProfile
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel

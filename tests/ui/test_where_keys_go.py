@@ -33,14 +33,14 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario, SpeechStatus, SuggestionsStatus
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.banners import Hint
 from caris_desktop.ui.focus_widget import bar_of, focused_widget, window_of
-from caris_desktop.ui.hint import Hint
-from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.popups import FloatingCard
+from caris_desktop.ui.window_appearance import ENGLISH
 from tests.support.window_classes import widget_classes, window_classes
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window

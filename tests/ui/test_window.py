@@ -35,16 +35,21 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, Permissions, SplitNode, TabNode, layout_from_data
+from caris_desktop.scenario.scenario_model import (
+    LayoutNode,
+    Permissions,
+    SplitNode,
+    TabNode,
+    layout_from_data,
+    panels_in,
+)
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.action_rows import phrases_on_keys
-from caris_desktop.ui.connection_card import ConnectionCard
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import SHOWN_AT_ONCE
 from caris_desktop.ui.palette.command_palette import Finder, PaletteItem
 from caris_desktop.ui.panels.video_panel import VideoPanel
-from caris_desktop.ui.status_bar import StatusItem
+from caris_desktop.ui.status_bar import ConnectionCard, StatusItem
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.window_place import WindowPlace

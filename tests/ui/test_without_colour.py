@@ -11,17 +11,17 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import GoalChanged, GoalState, Severity
+from caris_desktop.domain.events import GoalChanged, GoalState, PreflightState, Severity
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
+from caris_desktop.live.status import Alarm, PreflightCheck, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter, TranscriptRow, who_spoke
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import AlarmRow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
-from caris_desktop.ui.preflight.preflight_list import PreflightRow
-from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPill
+from caris_desktop.ui.preflight_list import PreflightRow
+from caris_desktop.ui.protocol_strip import DisplayedStep, StepPill
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find

@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.preferences import WizardProfiles
 from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
 

@@ -5,12 +5,180 @@ earlier ones.
 """
 
 import math
-from dataclasses import asdict
+import random
+from dataclasses import asdict, replace
 from typing import Any, Literal
 
-from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import FaceState
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.face.face_file import Expression, Face
 from caris_desktop.domain.value_class import Value
+
+BLINK_S = 0.16
+_GLIDE_S = 0.12
+"""The time in which a movement covers two thirds of its way."""
+_EYES_GLIDE_S = 0.07
+_STILL = 0.004
+_ENVELOPE_S = 0.02
+_SYLLABLES_PER_S = 4.2
+
+
+class FaceState(Value):
+    """State of the face at a time. ``gaze_*`` are -1 to 1 as seen on the screen, right and up positive.
+
+    Other fields are as in files; ``hearing`` is the strength of the listening sign, 0 to 1.
+    """
+
+    eyes_open: float = 1.0
+    lids_deg: float = 0.0
+    smile: float = 0.3
+    mouth_open: float = 0.0
+    gaze_right: float = 0.0
+    gaze_up: float = 0.0
+    hearing: float = 0.0
+
+
+class SpokenLoudness(Value):
+    """Loudness of an utterance over time: ``shares`` as from ``loudness``, empty if unknown."""
+
+    started_ns: int
+    ended_ns: int | None = None
+    shares: tuple[float, ...] = ()
+
+
+def loudness(samples: NDArray[np.int16], rate_hz: int) -> tuple[float, ...]:
+    """Loudness of single-channel sound, 0 to 1 (its maximum), per 20 ms."""
+    block = max(1, round(rate_hz * _ENVELOPE_S))
+    blocks = samples.reshape(-1)[: samples.size // block * block].reshape(-1, block).astype(np.float64)
+    if not blocks.size:
+        return ()
+    loud = np.sqrt(np.square(blocks).mean(axis=1))
+    greatest = float(loud.max())
+    return tuple(np.round(loud / greatest, 2).tolist()) if greatest > 0 else (0.0,) * len(loud)
+
+
+class FaceMotion:
+    """Computes the face's state at requested times, in order. Plain arithmetic."""
+
+    def __init__(self, face: Face, *, seed: int | None = None) -> None:
+        self._random = random.Random(seed)  # noqa: S311 - when to blink
+        self._face = face
+        self._expression = face.expressions[0]
+        self._gaze = (0.0, 0.0)
+        self._voice: SpokenLoudness | None = None
+        self._hearing = False
+        self._state = self._at_rest()
+        self._at_ns: int | None = None
+        self._blink_ns: int | None = None
+
+    @property
+    def expression(self) -> Expression:
+        return self._expression
+
+    def use(self, face: Face) -> None:
+        """Change the face, preserving the expression by name if it has one."""
+        self._face = face
+        self._expression = face.expression(self._expression.name)
+
+    def express(self, name: str) -> None:
+        self._expression = self._face.expression(name)
+
+    def turn_gaze_to(self, right: float, up: float) -> None:
+        """Set the gaze, -1 to 1 as seen on the screen."""
+        self._gaze = (max(-1.0, min(1.0, right)), max(-1.0, min(1.0, up)))
+
+    def speak(self, voice: SpokenLoudness | None) -> None:
+        """Move the mouth with this speech; None: closed."""
+        self._voice = voice
+
+    def hear(self, hearing: bool) -> None:
+        self._hearing = hearing
+
+    def at(self, now_ns: int) -> FaceState:
+        """State at this time."""
+        passed_s = 0.0 if self._at_ns is None else max(0.0, (now_ns - self._at_ns) / 1e9)
+        self._at_ns = now_ns
+        target, now = self._at_rest(), self._state
+        share, eyes_share = -math.expm1(-passed_s / _GLIDE_S), -math.expm1(-passed_s / _EYES_GLIDE_S)
+        self._state = FaceState(
+            _glided(now.eyes_open, target.eyes_open, share),
+            _glided(now.lids_deg, target.lids_deg, share),
+            _glided(now.smile, target.smile, share),
+            target.mouth_open if self._voice is not None else _glided(now.mouth_open, target.mouth_open, share),
+            _glided(now.gaze_right, target.gaze_right, eyes_share),
+            _glided(now.gaze_up, target.gaze_up, eyes_share),
+            _glided(now.hearing, target.hearing, share),
+        )
+        state = replace(self._state, mouth_open=max(self._state.mouth_open, self._spoken(now_ns)))
+        return replace(state, eyes_open=state.eyes_open * self._lids(now_ns))
+
+    @property
+    def still(self) -> bool:
+        """True if nothing moves until the next blink."""
+        target, now = self._at_rest(), self._state
+        moving = max(
+            abs(target.eyes_open - now.eyes_open), abs(target.lids_deg - now.lids_deg) / 30,
+            abs(target.smile - now.smile), abs(target.mouth_open - now.mouth_open),
+            abs(target.gaze_right - now.gaze_right), abs(target.gaze_up - now.gaze_up),
+            abs(target.hearing - now.hearing),
+        )  # fmt: skip
+        return moving < _STILL and self._voice is None and not self._blinking
+
+    def next_blink_ns(self) -> int | None:
+        """Time of the next blink; None: never."""
+        return self._blink_ns
+
+    @property
+    def _blinking(self) -> bool:
+        return self._blink_ns is not None and self._at_ns is not None and self._at_ns >= self._blink_ns
+
+    def _at_rest(self) -> FaceState:
+        expression = self._expression
+        right, up = self._gaze
+        hearing = 1.0 if self._hearing else 0.0
+        return FaceState(
+            min(1.4, expression.eyes_open * (1.0 + 0.08 * hearing)),
+            expression.lids_deg,
+            expression.smile,
+            expression.mouth_open,
+            right,
+            up if expression.look_up == 0.0 else expression.look_up,
+            hearing,
+        )
+
+    def _spoken(self, now_ns: int) -> float:
+        voice = self._voice
+        if voice is None or now_ns < voice.started_ns or (voice.ended_ns is not None and now_ns >= voice.ended_ns):
+            return 0.0
+        speaking_s = (now_ns - voice.started_ns) / 1e9
+        if voice.shares:
+            number = int(speaking_s / _ENVELOPE_S)
+            return voice.shares[number] if number < len(voice.shares) else 0.0
+        # Unknown loudness: syllables at a typical rate, with varying mouth opening.
+        beat = math.sin(math.pi * _SYLLABLES_PER_S * speaking_s)
+        return abs(beat) * (0.55 + 0.35 * math.sin(2.3 * speaking_s))
+
+    def _lids(self, now_ns: int) -> float:
+        """Eye opening factor during a blink."""
+        if not self._face.blink_every_s:
+            self._blink_ns = None
+            return 1.0
+        if self._blink_ns is None:
+            self._blink_ns = now_ns + self._pause_ns()
+        into_s = (now_ns - self._blink_ns) / 1e9
+        if into_s >= BLINK_S:
+            self._blink_ns = now_ns + self._pause_ns()
+            return 1.0
+        return 1.0 if into_s < 0 else abs(1.0 - 2.0 * into_s / BLINK_S)
+
+    def _pause_ns(self) -> int:
+        return round(self._face.blink_every_s * self._random.uniform(0.4, 1.6) * 1e9)
+
+
+def _glided(now: float, target: float, share: float) -> float:
+    return target if abs(target - now) < _STILL else now + (target - now) * share
+
 
 _GAZE_SHARE = 0.22
 """How far the eyes move, in their widths."""

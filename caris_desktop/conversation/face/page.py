@@ -150,16 +150,11 @@ class FacePage:
         self._on_page_count(len(self._pages))
         try:
             while True:
-                try:
+                with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(HEARTBEAT_EVERY_S):
                         await changed.wait()
-                except TimeoutError:
-                    pass
                 changed.clear()
-                if self._newest:
-                    await connection.send(self._newest)
-                else:
-                    await connection.send("{}")
+                await connection.send(self._newest or "{}")
         except ConnectionClosed:
             _log.debug("a page with the face was closed")
         finally:

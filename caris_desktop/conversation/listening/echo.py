@@ -11,7 +11,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.sound.resampling import Resampler, resampled
+from caris_desktop.conversation.resampling import Resampler, resampled
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.value_class import Value, dataclass

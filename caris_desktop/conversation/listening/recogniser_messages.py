@@ -31,10 +31,10 @@ class RecogniserSettings(Value):
 
 
 class UseSilence(Value):
-    """To the process: shortest and longest silence that ends a turn."""
+    """To the process: minimum and maximum silence that ends a turn, whatever the probability."""
 
-    at_least_s: float
-    at_most_s: float
+    at_least_s: float = 0.3
+    at_most_s: float = 3.0
 
 
 class EndTurns(Value):

@@ -14,15 +14,13 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError, Recognised
-from caris_desktop.conversation.listening.hallucination_filter import is_nothing
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, Recognised
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord, is_nothing
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
 from caris_desktop.conversation.models.failures import error_in
-from caris_desktop.conversation.models.stream import object_in, small_body
+from caris_desktop.conversation.models.question import object_in, small_body
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -86,7 +84,13 @@ class ServerEngine:
         if before:
             fields["prompt"] = before
         try:
-            status, body = self._ask(fields, _wav(sound))
+            file = io.BytesIO()
+            with wave.open(file, "wb") as writer:
+                writer.setnchannels(1)
+                writer.setsampwidth(2)
+                writer.setframerate(_RATE_HZ)
+                writer.writeframes((np.clip(sound, -1.0, 1.0) * 32767).astype("<i2").tobytes())
+            status, body = self._ask(fields, file.getvalue())
         except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
             late = isinstance(error, (TimeoutError, httpx.TimeoutException))
             detail = shortened(without(self._key, str(error))) or type(error).__name__
@@ -167,16 +171,6 @@ def _key_names(server: str) -> tuple[str, ...]:
     """Names of keys that may be sent to this server, which a scenario names: those that the user gave for it."""
     names = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
     return (KEY_NAME, *names) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else names
-
-
-def _wav(sound: NDArray[np.float32]) -> bytes:
-    file = io.BytesIO()
-    with wave.open(file, "wb") as writer:
-        writer.setnchannels(1)
-        writer.setsampwidth(2)
-        writer.setframerate(_RATE_HZ)
-        writer.writeframes((np.clip(sound, -1.0, 1.0) * 32767).astype("<i2").tobytes())
-    return file.getvalue()
 
 
 def _refused_field(fields: dict[str, str], body: bytes) -> str:

@@ -10,16 +10,24 @@ import time
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import aclosing
 from dataclasses import replace
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from caris_desktop.conversation.models import failures, gemini, ollama, openai
+from caris_desktop.conversation.models import failures
 from caris_desktop.conversation.models.connection import api_key, check_model_is_here, check_place, connected, send
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
-from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
+from caris_desktop.conversation.models.dialects import DIALECTS, refuses_schema
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
+from caris_desktop.conversation.models.question import (
+    Chunk,
+    Cut,
+    Question,
+    Request,
+    check_type,
+    documents,
+    json_object,
+    object_in,
+    small_body,
+)
 from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
-from caris_desktop.conversation.models.stream import check_type, documents, object_in, small_body
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -31,7 +39,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 MAX_ANSWER_CHARACTERS = 200_000
 _MAX_ERROR_BODY_BYTES = 65_536
-_DIALECTS: dict[Provider, ModuleType] = {"embedded": openai, "openai": openai, "ollama": ollama, "gemini": gemini}
 _BUSY = (429, 500, 502, 503, 504, 529)
 _REFUSED = (400, 422)
 _CHARACTERS_PER_TOKEN = 5
@@ -152,7 +159,7 @@ async def stream_chat(
     tried = 0
     while True:
         tried += 1
-        request: Request = leave_out(_DIALECTS[endpoint.provider].request(endpoint, question), habits.left_out)
+        request = leave_out(DIALECTS[endpoint.provider][0](endpoint, question), habits.left_out)
         notes.left_out = habits.left_out
         try:
             answer = _one_try(
@@ -316,8 +323,7 @@ def _chunk_of(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
         return Chunk(closed=True)
     message = json_object(endpoint, document)
     failures.raise_error_object(endpoint, message, key)
-    chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, message, key)
-    return chunk
+    return DIALECTS[endpoint.provider][1](endpoint, message, key)
 
 
 def _raise_empty_answer(
@@ -354,7 +360,7 @@ async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "ht
     detail = without(key, failures.error_in(body)) if body else ""
     if not body and "text/plain" in response.headers.get("content-type", ""):
         detail = without(key, shortened(raw.decode("utf-8", "replace")))
-    if openai.refuses_schema(request, response.status_code, str(body)):
+    if refuses_schema(request, response.status_code, str(body)):
         _log.info("%s is asked for a JSON object in the other way", endpoint.place)
         raise _OtherSchemaError
     if response.status_code in _REFUSED and (refused := named_parameter(request, body, detail)):

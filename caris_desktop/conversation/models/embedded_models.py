@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
+from caris_desktop.conversation.models.endpoint import MODEL_NAME, LanguageModelError, shortened
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.model_files import check_file, models_dirs
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -15,8 +15,6 @@ from caris_desktop.domain.value_class import Value
 CONTEXT_TOKENS = 4096
 """Of all slots of the server together: each takes as much of it as its prompt is long."""
 SUFFIX = ".gguf"
-PLUGIN = "plugin"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _MAGIC = b"GGUF"
 # Measured with SmolLM2 and Qwen2.5 of 0.5 B: code, vocabulary and the tensors of one batch.
 _OTHER_BYTES = 300_000_000
@@ -40,31 +38,19 @@ class AddedModel(Value):
     size_bytes: int
 
 
-def served_name(model: str) -> str | None:
-    """Name under which a process of this program serves the model: NAME of ``embedded:NAME``, empty for the built-in
-    one, and ``plugin:NAME``; None for a model of another server.
-    """
-    provider, colon, name = (part.strip() for part in model.partition(":"))
-    if provider == PLUGIN and _NAME.fullmatch(name):
-        return f"{PLUGIN}:{name}"
-    if provider != "embedded" or (colon and not _NAME.fullmatch(name)):
-        return None
-    return name
-
-
 def added_models() -> tuple[AddedModel, ...]:
     """Models of the user, sorted by name."""
     try:
         files = sorted(_folder().glob(f"*{SUFFIX}"))
     except OSError:
         return ()
-    return tuple(AddedModel(file.stem, file, file.stat().st_size) for file in files if _NAME.fullmatch(file.stem))
+    return tuple(AddedModel(file.stem, file, file.stat().st_size) for file in files if MODEL_NAME.fullmatch(file.stem))
 
 
 def find_added(name: str) -> Path:
     """File of an added model. Raises LanguageModelError."""
     path = _folder() / f"{name}{SUFFIX}"
-    if not _NAME.fullmatch(name) or not path.is_file():
+    if not MODEL_NAME.fullmatch(name) or not path.is_file():
         raise LanguageModelError(
             localized(QT_TR_NOOP("This computer has no model named “{name}”."), name=shortened(name)),
             QT_TR_NOOP("The assistant cannot answer with it; everything else works."),
@@ -76,7 +62,7 @@ def find_added(name: str) -> Path:
 def model_name(file: Path, name: str = "") -> str:
     """``name``, or the file's own in permitted characters. Raises LanguageModelError if it is invalid."""
     chosen = name or re.sub(r"[^A-Za-z0-9._-]+", "-", file.name.removesuffix(SUFFIX)).strip("-._")[:80]
-    if not _NAME.fullmatch(chosen):
+    if not MODEL_NAME.fullmatch(chosen):
         raise LanguageModelError(
             localized(QT_TR_NOOP("“{name}” cannot be the name of a model."), name=shortened(chosen)), NOT_ADDED,
             QT_TR_NOOP("Choose a name of letters, digits, dots, dashes and underscores (--name NAME)."),

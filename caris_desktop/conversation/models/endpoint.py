@@ -1,16 +1,35 @@
 """Endpoints of language models: provider, address, model and key names."""
 
 import os
+import re
 import unicodedata
 from collections.abc import Mapping
 from typing import Literal
 from urllib.parse import urlsplit
 
-from caris_desktop.conversation.models.embedded_models import PLUGIN, served_name
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
+
+
+class LanguageModelError(UserFacingError):
+    """A language model did not answer."""
+
+
+def shortened(text: str, characters: int = 200) -> str:
+    """External text as one readable line."""
+    line = " ".join("".join(c if unicodedata.category(c)[0] != "C" else " " for c in text[: 4 * characters]).split())
+    return line if len(line) <= characters else line[: characters - 1] + "…"
+
+
+def without(api_key: str | None, text: str) -> str:
+    """``text`` without the key, which some servers repeat."""
+    return text.replace(api_key, "[key]") if api_key else text
+
+
+PLUGIN = "plugin"
+MODEL_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
 
@@ -77,6 +96,18 @@ class ModelEndpoint(Value):
             return True
         named_cloud = any(part.endswith("cloud") for part in self.model.lower().split(":"))
         return not is_loopback(self.base_url) or (self.provider == "ollama" and named_cloud)
+
+
+def served_name(model: str) -> str | None:
+    """Name under which a process of this program serves the model: NAME of ``embedded:NAME``, empty for the built-in
+    one, and ``plugin:NAME``; None for a model of another server.
+    """
+    provider, colon, name = (part.strip() for part in model.partition(":"))
+    if provider == PLUGIN and MODEL_NAME.fullmatch(name):
+        return f"{PLUGIN}:{name}"
+    if provider != "embedded" or (colon and not MODEL_NAME.fullmatch(name)):
+        return None
+    return name
 
 
 def resolve_endpoint(

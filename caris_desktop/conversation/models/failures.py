@@ -5,8 +5,7 @@ import re
 import ssl
 from typing import TYPE_CHECKING, Any
 
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
 from caris_desktop.domain.certificates import why_refused
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 
@@ -88,24 +87,14 @@ def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float 
 
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
-        return LanguageModelError(
-            localized(
-                QT_TR_NOOP("{place} sent nothing for {seconds} s in the middle of the answer."),
-                place=endpoint.place,
-                seconds=f"{seconds:g}",
-            ),
-            QT_TR_NOOP("The answer is incomplete."),
-            QT_TR_NOOP("Use the partial answer, or ask again."),
-        )
-    return LanguageModelError(
-        localized(
-            QT_TR_NOOP("{place} did not start to answer within {seconds} s."),
-            place=endpoint.place,
-            seconds=f"{seconds:g}",
-        ),
-        QT_TR_NOOP("The assistant cannot answer now."),
-        QT_TR_NOOP("Ask again; the first answer takes longer while the model is loading."),
-    )
+        what = QT_TR_NOOP("{place} sent nothing for {seconds} s in the middle of the answer.")
+        meaning = QT_TR_NOOP("The answer is incomplete.")
+        advice = QT_TR_NOOP("Use the partial answer, or ask again.")
+    else:
+        what = QT_TR_NOOP("{place} did not start to answer within {seconds} s.")
+        meaning = QT_TR_NOOP("The assistant cannot answer now.")
+        advice = QT_TR_NOOP("Ask again; the first answer takes longer while the model is loading.")
+    return LanguageModelError(localized(what, place=endpoint.place, seconds=f"{seconds:g}"), meaning, advice)
 
 
 def error_in(message: dict[str, Any]) -> str:
@@ -143,69 +132,32 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
 
 def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
     """Error of an HTTP status. ``detail`` is the server's text without the key."""
-    server_text = f" ({detail})" if detail else ""
-    place = endpoint.place
-    _log.warning("%s answered with HTTP status %d", place, status)
+    _log.warning("%s answered with HTTP status %d", endpoint.place, status)
+    what, advice = QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."), _advice_for(detail)
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
-        return LanguageModelError(
-            localized(QT_TR_NOOP("{place} refused access{said}."), place=place, said=server_text),
-            _NO_ANSWER,
-            localized(QT_TR_NOOP("Check {where}."), where=where),
-        )
-    if status == 404:
-        advice = (
+        what, advice = QT_TR_NOOP("{place} refused access{said}."), localized(QT_TR_NOOP("Check {where}."), where=where)
+    elif status == 404:
+        what, advice = (
+            QT_TR_NOOP("{place} does not have the model {model}{said}."),
             localized(QT_TR_NOOP("Run “ollama pull {model}”, or choose another model."), model=endpoint.model)
             if endpoint.provider == "ollama"
-            else QT_TR_NOOP("Check the model's name and the server's address.")
+            else QT_TR_NOOP("Check the model's name and the server's address."),
         )
-        return LanguageModelError(
-            localized(
-                QT_TR_NOOP("{place} does not have the model {model}{said}."),
-                place=place,
-                model=endpoint.model,
-                said=server_text,
-            ),
-            _NO_ANSWER,
-            advice,
+    elif status == 429:
+        what = QT_TR_NOOP("{place} is not accepting questions now{said}.")
+        advice = QT_TR_NOOP("Wait a moment, then ask again.")
+    elif status >= 500:
+        what = QT_TR_NOOP("{place} failed (HTTP status {status}){said}.")
+        advice = QT_TR_NOOP("Ask again in a moment.")
+    elif 300 <= status < 400:
+        what = QT_TR_NOOP(
+            "{place} redirects the question to another address (HTTP status {status}). Redirects are not followed."
         )
-    if status == 429:
-        return LanguageModelError(
-            localized(QT_TR_NOOP("{place} is not accepting questions now{said}."), place=place, said=server_text),
-            _NO_ANSWER,
-            QT_TR_NOOP("Wait a moment, then ask again."),
-        )
-    if status >= 500:
-        return LanguageModelError(
-            localized(
-                QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=server_text
-            ),
-            _NO_ANSWER,
-            QT_TR_NOOP("Ask again in a moment."),
-        )
-    if 300 <= status < 400:
-        return LanguageModelError(
-            localized(
-                QT_TR_NOOP(
-                    "{place} redirects the question to another address (HTTP status {status}). Redirects are "
-                    "not followed."
-                ),
-                place=place,
-                status=status,
-            ),
-            _NO_ANSWER,
-            QT_TR_NOOP("Use the model's own address."),
-        )
-    return LanguageModelError(
-        localized(
-            QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."),
-            place=place,
-            status=status,
-            said=server_text,
-        ),
-        _NO_ANSWER,
-        _advice_for(detail),
-    )
+        advice = QT_TR_NOOP("Use the model's own address.")
+    said = f" ({detail})" if detail else ""
+    known = {"place": endpoint.place, "status": status, "model": endpoint.model, "said": said}
+    return LanguageModelError(localized(what, **known), _NO_ANSWER, advice)
 
 
 def _advice_for(reason: str) -> str:

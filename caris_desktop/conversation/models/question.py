@@ -1,16 +1,19 @@
-"""Requests and answer chunks, independent of the dialect."""
+"""Questions, requests and answer chunks, independent of the dialect, and messages of a streamed response."""
 
 import base64
 import json
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import AsyncGenerator, Sequence
+from contextlib import aclosing
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import urlsplit
 
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import shortened, without
-from caris_desktop.conversation.models.failures import unusable
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, shortened, without
+from caris_desktop.conversation.models.failures import nonsense, unusable
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import Value
+
+if TYPE_CHECKING:
+    import httpx
 
 Schema = dict[str, Any]
 Cut = Literal["", "length", "filter"]
@@ -83,3 +86,132 @@ def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
     if not isinstance(message, dict):
         raise unusable(endpoint, "a message is not a JSON object")
     return message
+
+
+MAX_LINE_BYTES = 1_000_000
+# Many servers omit or misstate the content type; only certain mismatches are errors.
+_OTHER_TYPES = ("text/html", "image/", "audio/", "video/", "application/pdf", "application/xml", "text/xml")
+
+
+def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
+    """Raises LanguageModelError if the content type excludes an answer."""
+    content_type = response.headers.get("content-type", "").lower()
+    if content_type.startswith(_OTHER_TYPES):
+        what = "a web page" if content_type.startswith("text/html") else content_type
+        raise nonsense(endpoint, f"it is {what}")
+
+
+async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
+    """JSON texts of the stream: lines for Ollama, data of server-sent events otherwise."""
+    data: list[str] = []
+    size = 0
+    streams = endpoint.provider == "ollama"
+    async with aclosing(_lines(endpoint, response)) as lines:
+        async for line in lines:
+            if endpoint.provider == "ollama":
+                if line.strip():
+                    yield line
+            elif not streams and line.lstrip().startswith(("{", "[")):
+                for document in _whole(await _rest(endpoint, line, lines)):
+                    yield document
+                return
+            elif line.startswith("data:"):
+                streams = True
+                data.append(line[5:].removeprefix(" "))
+                size += len(line)
+                if size > MAX_LINE_BYTES:
+                    raise nonsense(endpoint, "one message is over a megabyte")
+            elif line.lstrip().startswith("{"):
+                # Some servers send a bare JSON error within a stream.
+                yield line
+            elif not line and data:
+                for document in _messages(data):
+                    yield document
+                data, size = [], 0
+    for document in _messages(data):
+        yield document
+
+
+async def _rest(endpoint: ModelEndpoint, first: str, lines: AsyncGenerator[str]) -> list[str]:
+    """All lines of a response without streaming."""
+    found, size = [first], len(first)
+    async for line in lines:
+        found.append(line)
+        size += len(line)
+        if size > MAX_LINE_BYTES:
+            raise nonsense(endpoint, "the answer is over a megabyte")
+    return found
+
+
+def _whole(lines: list[str]) -> list[str]:
+    """Messages of a complete response: one object, a list of them, or one per line."""
+    try:
+        message = json.loads("\n".join(lines))
+    except (ValueError, RecursionError):
+        return [line for line in lines if line.strip()]
+    return [json.dumps(each) for each in (message if isinstance(message, list) else [message])]
+
+
+def _messages(data: list[str]) -> list[str]:
+    """One message, or several if the server omitted the empty line between them."""
+    if len(data) < 2:
+        return data
+    message = "\n".join(data)
+    try:
+        json.loads(message)
+    except (ValueError, RecursionError):
+        return data
+    return [message]
+
+
+async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
+    """Lines without their ends; unlike httpx's, limited in length."""
+    pending = bytearray()
+    async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
+        async for block in blocks:
+            *lines, rest = block.split(b"\n")
+            for part in lines:
+                pending += part
+                if len(pending) > MAX_LINE_BYTES:
+                    break
+                yield _decoded(endpoint, bytes(pending).removesuffix(b"\r"))
+                pending.clear()
+            else:
+                pending += rest
+            if len(pending) > MAX_LINE_BYTES:
+                raise nonsense(endpoint, "one line is over a megabyte")
+    if pending:
+        yield _decoded(endpoint, bytes(pending))
+
+
+def _decoded(endpoint: ModelEndpoint, line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        raise nonsense(endpoint, "it is not UTF-8 text") from None
+
+
+async def small_object(response: "httpx.Response", limit_bytes: int) -> dict[str, Any]:
+    """JSON object of a response, or the first of a list; empty if it is something else or too long."""
+    return object_in(await small_body(response, limit_bytes))
+
+
+async def small_body(response: "httpx.Response", limit_bytes: int) -> bytes:
+    """Response body, truncated at the limit."""
+    body = bytearray()
+    async for block in response.aiter_bytes():
+        body += block
+        if len(body) > limit_bytes:
+            break
+    return bytes(body)
+
+
+def object_in(body: bytes) -> dict[str, Any]:
+    """JSON object in a body, or the only one of a list; empty if it is something else."""
+    try:
+        message = json.loads(body)
+    except (ValueError, RecursionError):
+        return {}
+    if isinstance(message, list) and len(message) == 1:
+        message = message[0]  # as Gemini wraps its errors
+    return message if isinstance(message, dict) else {}

@@ -292,9 +292,7 @@ class SuggestionCycle:
 
 
 def characters_changed(before: str, after: str) -> int:
-    """Edit distance of texts.
-
-    Levenshtein distance between two texts.
+    """Levenshtein distance of two texts.
 
     Bit-parallel (Myers 1999, in Hyyrö's form), so that long texts take less than a display frame.
     """

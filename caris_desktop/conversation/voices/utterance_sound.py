@@ -79,42 +79,24 @@ class Voice(Protocol):
         """
 
 
-class SilenceTrimmer:
-    """Removes silence before the first and after the last sample of at least ``least``."""
-
-    def __init__(self, rate_hz: int, least: int) -> None:
-        self._margin_frames = round(_PADDING_S * rate_hz)
-        self._least = least
-        self._begun = False
-        self._held = np.zeros(0, np.int16)
-
-    def trim(self, part: Samples) -> Samples:
-        """Part of the audio that is certain to be audible; silence is held back until sound follows."""
-        sound = np.concatenate([self._held, part])
-        loud = np.flatnonzero(np.abs(sound.astype(np.int32)) >= self._least)
-        if loud.size == 0:
-            self._held = sound if self._begun else sound[-self._margin_frames :]
-            return sound[:0]
-        first = 0 if self._begun else max(0, int(loud[0]) - self._margin_frames)
-        end = int(loud[-1]) + 1 + self._margin_frames
-        self._begun = True
-        self._held = sound[end:]
-        return sound[first:end]
-
-
 def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterator[Samples]:
-    """Parts without leading and trailing silence."""
-    trimmer: SilenceTrimmer | None = None
+    """Parts without silence before the first and after the last sample of at least ``least``; None: relative to the
+    maximum of the first part. Silence is held back until sound follows.
+    """
+    margin_frames = round(_PADDING_S * rate_hz)
+    begun, held = False, np.zeros(0, np.int16)
     for part in parts:
-        if trimmer is None:
-            trimmer = SilenceTrimmer(rate_hz, least if least is not None else _least_of(part))
-        audible = trimmer.trim(part)
-        if audible.size:
-            yield audible
-
-
-def _least_of(sound: Samples) -> int:
-    return max(1, round(int(np.abs(sound.astype(np.int32)).max(initial=0)) * 0.005))
+        if least is None:
+            least = max(1, round(int(np.abs(part.astype(np.int32)).max(initial=0)) * 0.005))
+        sound = np.concatenate([held, part])
+        loud = np.flatnonzero(np.abs(sound.astype(np.int32)) >= least)
+        if loud.size == 0:
+            held = sound if begun else sound[-margin_frames:]
+            continue
+        first = 0 if begun else max(0, int(loud[0]) - margin_frames)
+        end = int(loud[-1]) + 1 + margin_frames
+        begun, held = True, sound[end:]
+        yield sound[first:end]
 
 
 class StreamingBuffer:

@@ -2,18 +2,19 @@
 
 from collections.abc import Callable, Iterator
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
-from caris_desktop.live.preflight_checks import no_answer_advice
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.preflight_service import no_answer_advice
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
 _SILENT_AFTER_S = 5.0
@@ -40,23 +41,22 @@ class AlarmsService(Service):
         self._now_ns = now_ns
         self._book = AlarmBook()
         self._met_robot: tuple[str, str] | None = None
-        self._again = QTimer(self, singleShot=True)
-        self._again.timeout.connect(self.evaluate)
+        self._again = new_timer(self, self.evaluate, single_shot=True)
         for value in (
             state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
             state.microphone, state.wizard_microphone, state.listening, state.battery,
         ):  # fmt: skip
-            value.changed.connect(self._on_changed)
+            value.changed.connect(self.evaluate)
         for stream in (state.frame, state.scan, state.pose):
-            stream.freshness_changed.connect(self._on_changed)
+            stream.freshness_changed.connect(self.evaluate)
         self.evaluate()
 
     def follows(self) -> Follows:
         return {
             Problem: self.add,
             RobotChosen: self._on_robot_chosen,
-            SessionStarted: self._on_session_started,
-            RecordingPaused: self._on_recording_paused,
+            SessionStarted: self._on_recording,
+            RecordingPaused: self._on_recording,
         }
 
     def handlers(self) -> Handlers:
@@ -68,7 +68,7 @@ class AlarmsService(Service):
         self._book.add(problem, self._now_ns())
         self.evaluate()
 
-    def evaluate(self) -> None:
+    def evaluate(self, _changed: object = None) -> None:
         """Evaluate the conditions: raise and end alarms."""
         state, now_ns = self._state, self._now_ns()
         link = state.link.value
@@ -83,9 +83,9 @@ class AlarmsService(Service):
 
     def dismiss(self, intent: intents.DismissAlarm) -> None:
         if not self._book.dismiss(intent.alarm_id, intent.actor, self._now_ns()):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The problem still exists, or it has already ended."), tr("Nothing was changed."),
-                tr("Alarms that end automatically leave the list when the problem is over."), severity="warning",
+                tr("Alarms that end automatically leave the list when the problem is over."),
             )  # fmt: skip
         self._notify()
 
@@ -96,18 +96,11 @@ class AlarmsService(Service):
         self._book.forget(_OF_ROBOT, self._now_ns())
         self.evaluate()
 
-    def _on_session_started(self, _session: SessionStarted) -> None:
-        self._book.report_all(self._now_ns())
-        self._notify()
-
-    def _on_recording_paused(self, event: RecordingPaused) -> None:
-        """On resuming, record again what is still wrong."""
-        if not event.paused:
+    def _on_recording(self, event: SessionStarted | RecordingPaused) -> None:
+        """At the start of a session and on resuming, record again what is still wrong."""
+        if isinstance(event, SessionStarted) or not event.paused:
             self._book.report_all(self._now_ns())
             self._notify()
-
-    def _on_changed(self, _value: object) -> None:
-        self.evaluate()
 
     def _notify(self) -> None:
         for change in self._book.take_changes():

@@ -7,14 +7,18 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.connection import check_place
-from caris_desktop.conversation.models.embedded_models import PLUGIN, served_name
-from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import (
+    EMBEDDED_KEY,
+    PLUGIN,
+    LanguageModelError,
+    ModelEndpoint,
+    served_name,
+)
 from caris_desktop.conversation.prompts import (
     MAX_HISTORY_CHARACTERS,
     MAX_LABEL_CHARACTERS,
@@ -29,19 +33,24 @@ from caris_desktop.conversation.prompts import (
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
 from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.model_client import ModelClient, StreamChat
-from caris_desktop.live.model_lists import ListModels, ModelLists
-from caris_desktop.live.process_manager import PluginWatch, ProcessManager, localize_problem
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.model_client import ListModels, ModelClient, ModelLists, StreamChat
+from caris_desktop.live.service import (
+    ContextService,
+    Follows,
+    Handlers,
+    PluginWatch,
+    ServiceContext,
+    SupervisedProcess,
+    localize_problem,
+)
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPartStatus, ExchangeStatus, ModelChoice
@@ -168,45 +177,42 @@ class AssistantAdapters(Value):
     list_models: ListModels
 
 
-class AssistantService(Service):
+class AssistantService(ContextService):
     """Handles questions, setup and spoken answers. ``client`` serves other users of the model."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
+        context: ServiceContext,
         parts: AssistantAdapters,
         *,
         asyncio_thread: AsyncioThread,
         speech: SpeechQueue,
         scenario: Scenario,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context)
         self._parts = parts
         self._speech = speech
         self._scenario = scenario
         self._setup = AssistantSetupState(scenario.assistant)
-        self._context = AssistantContext(state)
-        self.client = ModelClient(asyncio_thread, parts.stream_chat, bus.publish, self)
-        self._exchanges = Exchanges(state, self.client, bus.publish, self)
+        self._context = AssistantContext(self._state)
+        self.client = ModelClient(asyncio_thread, parts.stream_chat, self._bus.publish, self)
+        self._exchanges = Exchanges(self._state, self.client, self._bus.publish, self)
         self._lists = ModelLists(asyncio_thread, parts.list_models, self)
         self._lists.found.connect(self._show_setup)
         self._read_pictures: ReadPictures | None = None
-        self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
-        self._counting.timeout.connect(self._show_setup)
-        self._server: ChildProcess | None = None
+        self._counting = new_timer(self, self._show_setup, _COUNT_EVERY_MS)
+        self._server = SupervisedProcess(
+            self._children,
+            ended=self._on_server_ended,
+            on_message=self._on_server_message,
+            grace_s=2.0,
+            name=parts.server.name,
+        )
         self._server_url: str | None = None
         self._served = ""
         self._addition: ChildProcess | None = None
-        self._restarts = Restarts()
         self._watch = PluginWatch()
-        self._watching = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
-        self._watching.timeout.connect(self._end_overdue)
+        self._watching = new_timer(self, self._end_overdue, single_shot=True, precise=True)
         self._plugins_off: set[str] = set()
         self._serving: Plugin | None = None
         self._started = False
@@ -229,11 +235,8 @@ class AssistantService(Service):
     def follows(self) -> Follows:
         return {Marked: self._context.take_mark}
 
-    def processes(self) -> dict[str, ChildProcess]:
-        return {} if self._server is None else {self._parts.server.name: self._server}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {} if self._parts.server is None else {self._parts.server.name: self._restarts}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return (self._server,)
 
     def use_scenario(self, scenario: Scenario) -> None:
         if scenario.assistant != self._scenario.assistant:
@@ -262,14 +265,14 @@ class AssistantService(Service):
         self._lists.stop()
         self._counting.stop()
         self.client.cancel_all(QT_TR_NOOP("cancelled because the program closed"))
-        for child in (self._server, self._addition):
-            if child is not None:
-                child.ask_to_end()
+        self._server.ask_to_end()
+        if self._addition is not None:
+            self._addition.ask_to_end()
 
     def end(self) -> None:
-        for child in (self._server, self._addition):
-            if child is not None:
-                child.stop(grace_s=1.5)
+        self._server.end()
+        if self._addition is not None:
+            self._addition.stop(grace_s=1.5)
 
     def forget(self, *, conversation: bool = False) -> None:
         """Remove questions and answers; with ``conversation`` also the context, for another participant."""
@@ -287,19 +290,19 @@ class AssistantService(Service):
         """Raise UserFacingError if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture is still attached.")
         if (name := served_name(self._setup.model)) is not None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A plug-in cannot process pictures.")
                 if _is_plugin(name)
                 else tr("The embedded language model cannot process pictures."),
                 meaning,
                 tr(
-                    "Choose a model that can process pictures, in a scenario with "
-                    "assistant.pictures."), severity="warning",
+                "Choose a model that can process pictures, in a scenario with "
+                "assistant.pictures."),
             )  # fmt: skip
         if not self._scenario.assistant.pictures:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow sending pictures to a language model."), meaning,
-                tr("If participants have agreed, set assistant.pictures in the scenario."), severity="warning",
+                tr("If participants have agreed, set assistant.pictures in the scenario."),
             )  # fmt: skip
 
     def ask(self, intent: intents.Ask) -> None:
@@ -309,16 +312,15 @@ class AssistantService(Service):
             return
         too_long = characters_too_long(question)
         if too_long:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
                 tr("The assistant was not asked; a shortened question could get a wrong answer."),
                 tr("Use at most {most} characters.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
-                severity="warning",
             )
         if len(intent.pictures) > MOST_PICTURES:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A question can have at most {most} pictures.").format(most=MOST_PICTURES),
-                tr("The assistant was not asked."), tr("Remove some pictures."), severity="warning",
+                tr("The assistant was not asked."), tr("Remove some pictures."),
             )  # fmt: skip
         if intent.pictures:
             self.check_picture()
@@ -366,11 +368,10 @@ class AssistantService(Service):
 
     def _choose(self, intent: intents.ChooseModel) -> None:
         if intent.model not in (choice.model for choice in self._offered()):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That language model cannot be chosen here."),
                 tr("{model} stays selected.").format(model=self.client.model or self._setup.model),
                 tr("Add it to assistant.models of the scenario, or start its server."),
-                severity="warning",
             )
         if intent.model != self._setup.model:
             self._setup.model = intent.model
@@ -388,22 +389,21 @@ class AssistantService(Service):
         text = intent.text.strip()
         most = most_characters(intent.kind)
         if len(text) > most:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
                 tr("The assistant's settings are unchanged."),
                 tr("Shorten it to {most} characters.").format(most=f"{most:,}"),
-                severity="warning",
             )  # fmt: skip
         self._setup.edit(intent.kind, intent.name, text)
         self._notify(intent.kind, intent.name, text, intent.actor)
 
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario has no role with that name.")
                 if kind == "role"
                 else tr("This scenario has no style with that name."),
-                tr("The assistant's settings are unchanged."), tr("Choose another one."), severity="warning",
+                tr("The assistant's settings are unchanged."), tr("Choose another one."),
             )  # fmt: skip
 
     def _reset(self, intent: intents.ResetPrompts) -> None:
@@ -465,9 +465,9 @@ class AssistantService(Service):
                 tr("Another model is being added."), tr("This one was not added."), tr("Wait until it is done."),
                 severity="info",
             )  # fmt: skip
-        self._bus.problem(
-            "info", tr("{name} is checked, and its model is asked a question.").format(name=intent.file.name),
-            tr("Large models take a minute; everything else goes on."), "", cause=ANSWER,
+        self._bus.inform(
+            tr("{name} is checked, and its model is asked a question.").format(name=intent.file.name),
+            tr("Large models take a minute; everything else goes on."),
         )  # fmt: skip
         addition = self._parts.addition
         self._addition = self._children.start(
@@ -479,14 +479,11 @@ class AssistantService(Service):
         match message:
             case ModelAdded(name=name, memory_bytes=memory, sha256=sha256, answer=answer):
                 self._lists.refresh()
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("{name} is added, and can be chosen in the list of models.").format(name=name),
                     tr("It needs about {memory} GB of memory. {answer}. SHA-256 {sha256}.").format(
                         memory=f"{memory / 1e9:.1f}", answer=answer, sha256=sha256[:12]
                     ),
-                    "",
-                    cause=ANSWER,
                 )
             case EmbeddedFailed(problem):
                 failed = localize_problem(problem)
@@ -516,8 +513,10 @@ class AssistantService(Service):
             self._exchanges.show_status(AssistantStatus(state="failed", detail=detail))
         elif (name := served_name(self._setup.model)) is not None and not self._serves(name):
             self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_title(self._setup.model)))
-            if self._server is None:
-                self._start_server(name)
+            if self._server.child is None:
+                server = self._parts.server
+                self._served, self._watch = name, PluginWatch()
+                self._server.start(replace(server, arguments=(*server.arguments, name)))
         else:
             self._use_endpoint()
 
@@ -527,23 +526,10 @@ class AssistantService(Service):
             self._end_server()
         return self._server_url is not None
 
-    def _start_server(self, name: str) -> None:
-        server = self._parts.server
-        self._served, self._watch = name, PluginWatch()
-
-        def on_message(message: Any) -> None:
-            if child is self._server:  # else it was ended while its message was delivered
-                self._on_server_message(message)
-
-        child = self._server = self._children.start(
-            replace(server, arguments=(*server.arguments, name)), ended=self._on_server_ended, on_message=on_message
-        )
-
     def _end_server(self) -> None:
-        server, self._server, self._server_url, self._serving = self._server, None, None, None
+        self._server_url = self._serving = None
         self._watching.stop()
-        if server is not None:
-            self._children.dismiss(server, grace_s=2.0)
+        self._server.dismiss()
 
     def _use_endpoint(self) -> None:
         model, local_only = self._setup.model, not self._scenario.permissions.cloud_models
@@ -581,21 +567,19 @@ class AssistantService(Service):
     def _asks_embedded(self) -> bool:
         return self._scenario.permissions.assistant and served_name(self._setup.model) == self._served
 
-    def _on_server_ended(self, child: ChildProcess) -> None:
-        if child is not self._server:
-            return  # replaced while its exit was being reported
+    def _on_server_ended(self) -> None:
         plugin = self._watch.called or self._serving
-        self._server = self._server_url = self._serving = None
+        self._server_url = self._serving = None
         self._watching.stop()
         if plugin is not None:
             self._switch_off(plugin, self._watch.blame)
         elif self._asks_embedded():
-            self._restarts.after_end(self._report_server_ended, self._use_chosen)
+            self._server.restarts.after_end(self._report_server_ended, self._use_chosen)
         else:
-            self._restarts.another()
+            self._server.restarts.another()
 
     def _end_overdue(self) -> None:
-        if self._server is not None and self._watch.overdue:
+        if self._watch.overdue:
             self._server.kill()
 
     def _switch_off(self, plugin: Plugin, reason: str) -> None:
@@ -652,36 +636,33 @@ class AssistantSetupState:
 
     def __init__(self, settings: AssistantSettings) -> None:
         self._settings = settings
-        self.model = self.role = self.style = ""
-        self._edited: dict[tuple[Kind, str], str] = {}
         self.reset()
 
     def reset(self) -> None:
         """Reset to the scenario."""
-        self.model = self._settings.model
-        self.role = self.style = ""
-        self._edited.clear()
+        self._edited = self._settings
+        self.model, self.role, self.style = self._settings.model, "", ""
 
     def has(self, kind: Literal["role", "style"], name: str) -> bool:
         return not name or any(each.name == name for each in self._named(kind))
 
     def choose(self, kind: Literal["role", "style"], name: str) -> None:
-        if kind == "role":
-            self.role = name
-        else:
-            self.style = name
+        setattr(self, kind, name)
 
     def edit(self, kind: Kind, name: str, text: str) -> None:
-        """Replace a text of the scenario; the original text removes the edit."""
-        key = (kind, name)
-        if text == self._of_scenario(kind, name):
-            self._edited.pop(key, None)
+        """Replace a text of the scenario."""
+        if kind in ("system_prompt", "notes"):
+            changes: dict[str, Any] = {kind: text}
         else:
-            self._edited[key] = text
+            texts = (replace(each, text=text) if each.name == name else each for each in self._named(kind))
+            changes = {f"{kind}s": tuple(texts)}
+        self._edited = replace(self._edited, **changes)
 
     def text_of(self, kind: Kind, name: str = "") -> str:
         """Current text; empty for an unknown role or style."""
-        return self._edited.get((kind, name), self._of_scenario(kind, name))
+        if kind in ("system_prompt", "notes"):
+            return str(getattr(self._edited, kind))
+        return next((each.text for each in self._named(kind) if each.name == name), "")
 
     @property
     def prompt(self) -> str:
@@ -691,33 +672,21 @@ class AssistantSetupState:
         )
 
     def shown(self) -> AssistantSetup:
-        settings = self._settings
+        edited = self._edited
         return AssistantSetup(
             model=self.model,
             role=self.role,
             style=self.style,
-            system_prompt=self.text_of("system_prompt"),
-            roles=self._now("role"),
-            styles=self._now("style"),
-            templates=settings.templates,
-            notes=self.text_of("notes"),
-            edited=bool(self._edited) or self.model != settings.model or bool(self.role or self.style),
+            system_prompt=edited.system_prompt,
+            roles=edited.roles,
+            styles=edited.styles,
+            templates=edited.templates,
+            notes=edited.notes,
+            edited=edited != self._settings or self.model != edited.model or bool(self.role or self.style),
         )
 
-    def _named(self, kind: Literal["role", "style"]) -> tuple[NamedText, ...]:
-        return self._settings.roles if kind == "role" else self._settings.styles
-
-    def _now(self, kind: Literal["role", "style"]) -> tuple[NamedText, ...]:
-        return tuple(NamedText(each.name, self.text_of(kind, each.name)) for each in self._named(kind))
-
-    def _of_scenario(self, kind: Kind, name: str) -> str:
-        match kind:
-            case "system_prompt":
-                return self._settings.system_prompt
-            case "notes":
-                return self._settings.notes
-            case _:
-                return next((each.text for each in self._named(kind) if each.name == name), "")
+    def _named(self, kind: Kind) -> tuple[NamedText, ...]:
+        return self._edited.roles if kind == "role" else self._edited.styles
 
 
 MOST_EXCHANGES_SHOWN = 6
@@ -762,20 +731,18 @@ class Exchanges(QObject):
     def check_room(self) -> None:
         """Raise UserFacingError if no question can be asked now."""
         if not self._client.ready:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The assistant cannot answer now."),
                 tr("Your question is still in the field."),
                 tr("The model is still starting: ask again in a moment.")
                 if self._none.state == "starting"
                 else (tr(self._none.detail) or tr("Check the scenario's model.")),
-                severity="warning",
             )
         if sum(row.is_pending for row in self._rows.values()) >= MOST_PENDING_EXCHANGES:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("%n questions are already in progress.", "", MOST_PENDING_EXCHANGES),
                 tr("Your question is still in the field."),
                 tr("Wait for an answer, or cancel one of them."),
-                severity="warning",
             )
 
     def prepare(self, question: str) -> str:

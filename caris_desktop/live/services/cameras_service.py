@@ -2,10 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import field, replace
-from typing import Any
-
-from PySide6.QtCore import QObject
+from dataclasses import replace
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera_projection import CameraModel
@@ -13,16 +10,12 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
+from caris_desktop.live.child_process import ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, ServiceContext, SupervisedProcess
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
-from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.robot.profile_model import CameraTopic
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)
@@ -65,32 +58,19 @@ class CameraSelection(Value):
 class _Running:
     camera: OwnCamera
     ring: FrameRing
-    child: ChildProcess
-    restarts: Restarts = field(default_factory=Restarts)
+    process: SupervisedProcess
     plays: bool = False
 
 
-class CamerasService(Service):
+class CamerasService(ContextService):
     """Runs the scenario's cameras, and maintains ``state.own_cameras``: name and model of each."""
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
-        cameras_of: Callable[[Scenario], CameraSelection],
-        slow_work: BackgroundWorker,
-        *,
-        frames: FrameRings,
-        parent: QObject,
+        self, context: ServiceContext, cameras_of: Callable[[Scenario], CameraSelection], *, frames: FrameRings
     ) -> None:
         """``frames`` receives the rings and closes them."""
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context)
         self._cameras_of = cameras_of
-        self._slow_work = slow_work
         self._frames = frames
         self._free_rings: list[FrameRing] = []
         self._own_cameras: tuple[OwnCamera, ...] = ()
@@ -98,14 +78,11 @@ class CamerasService(Service):
         self._ended: set[str] = set()
         self._audio_camera = ""
         self._started = self._stopped = False
-        state.perception.changed.connect(self._on_perception)
-        bus.tap(self._note, (CameraState,))
+        self._state.perception.changed.connect(self._on_perception)
+        self._bus.tap(self._note, (CameraState,))
 
-    def processes(self) -> dict[str, ChildProcess]:
-        return {running.camera.body.name: running.child for running in self._running.values()}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {running.camera.body.name: running.restarts for running in self._running.values()}
+    def supervised(self) -> list[SupervisedProcess]:
+        return [running.process for running in self._running.values()]
 
     def use_scenario(self, scenario: Scenario) -> None:
         cameras = self._cameras_of(scenario)
@@ -121,7 +98,7 @@ class CamerasService(Service):
         self._audio_camera = camera if on else ""
         running = self._running.get(camera)
         if running is not None:
-            running.child.send(StreamSound(on))
+            running.process.send(StreamSound(on))
 
     def start(self) -> None:
         self._started = True
@@ -129,12 +106,12 @@ class CamerasService(Service):
 
     def stop(self) -> None:
         self._stopped = True
-        for running in self._running.values():
-            running.child.ask_to_end()
+        for process in self.supervised():
+            process.ask_to_end()
 
     def end(self) -> None:
-        for running in self._running.values():
-            running.child.stop(grace_s=_GRACE_S)
+        for process in self.supervised():
+            process.end()
 
     def _arrange(self) -> None:
         if not self._started or self._stopped:
@@ -152,25 +129,34 @@ class CamerasService(Service):
         else:
             ring = FrameRing.create()
             self._frames.add(ring)
-        self._running[camera.name] = _Running(camera, ring, self._start_child(camera, ring))
-        self._on_perception(self._state.perception.value)
+        process = SupervisedProcess(
+            self._children,
+            ended=lambda: self._on_ended(running),
+            on_message=lambda message: _log.info("a camera says %r", message),
+            grace_s=_GRACE_S,
+        )
+        running = self._running[camera.name] = _Running(camera, ring, process)
+        self._start(running)
 
-    def _start_child(self, camera: OwnCamera, ring: FrameRing) -> ChildProcess:
+    def _start(self, running: _Running) -> None:
+        """Start the process of a camera, at first or again."""
+        camera = running.camera
+        if self._running.get(camera.name) is not running or self._stopped:
+            return
         self._ended.discard(camera.name)
-        body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
-        child = self._children.start(body, ended=self._on_ended, on_message=self._on_heard)
+        body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(running.ring.name)))
+        running.process.start(body)
+        running.plays = False
         if camera.name == self._audio_camera:
-            child.send(StreamSound(True))
-        return child
+            running.process.send(StreamSound(True))
+        self._on_perception(self._state.perception.value)
 
     def _leave(self, running: _Running) -> None:
         """End a camera that another scenario does not use."""
         name = running.camera.name
         del self._running[name]
-        running.child.ask_to_end()
-        self._slow_work.do(
-            lambda: running.child.stop(grace_s=_GRACE_S), lambda _ended: self._left(running), self._bus.answer
-        )
+        running.process.ask_to_end()
+        self._slow_work.do(running.process.end, lambda _ended: self._left(running), self._bus.answer)
         self._bus.publish(
             CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does not use this camera."))
         )
@@ -193,14 +179,10 @@ class CamerasService(Service):
         for running in self._running.values():
             if not running.plays:
                 # A recorded video starts once perception is ready to see it.
-                running.plays = running.child.send(PlayVideo())
+                running.plays = running.process.send(PlayVideo())
 
-    def _on_heard(self, message: Any) -> None:
-        _log.info("a camera says %r", message)
-
-    def _on_ended(self, child: ChildProcess) -> None:
-        running = next((running for running in self._running.values() if running.child is child), None)
-        if running is None or self._stopped:
+    def _on_ended(self, running: _Running) -> None:
+        if self._running.get(running.camera.name) is not running or self._stopped:
             return
         name = running.camera.name
         if name in self._ended:
@@ -223,12 +205,6 @@ class CamerasService(Service):
             )
             self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
 
-        running.restarts.after_end(
-            report_end, lambda: self._start_again(running), after_ms=_RESTART_AFTER_MS, within=self
+        running.process.restarts.after_end(
+            report_end, lambda: self._start(running), after_ms=_RESTART_AFTER_MS, within=self
         )
-
-    def _start_again(self, running: _Running) -> None:
-        if self._running.get(running.camera.name) is running and not self._stopped:
-            running.child = self._start_child(running.camera, running.ring)
-            running.plays = False
-            self._on_perception(self._state.perception.value)

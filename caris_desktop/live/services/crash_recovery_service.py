@@ -6,19 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from PySide6.QtCore import QObject, QTimer
-
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.robot_service import RobotService
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, RecordingStatus
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study import unfinished_trial
@@ -31,16 +28,17 @@ T = TypeVar("T")
 
 
 class CrashRecoveryAdapters(Value):
-    """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
-    thread, empty if unavailable.
+    """``folder``: where running programs save their trial; ``details`` and ``conversation`` read those of a session in
+    a background thread, empty if unavailable.
     """
 
     folder: Path
     study: Path
     details: Callable[[Path], TrialDetails]
+    conversation: Callable[[Path], tuple[Turn, ...]]
 
 
-class CrashRecoveryService(Service):
+class CrashRecoveryService(ContextService):
     """Maintains ``state.going_on``.
 
     After a crash nothing is assumed: the emergency stop is latched, and pose, people, recording and consents need
@@ -49,22 +47,18 @@ class CrashRecoveryService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
+        context: ServiceContext,
         parts: CrashRecoveryAdapters,
-        slow_work: BackgroundWorker,
         *,
         robot: RobotService,
         do: Callable[[intents.Intent], str],
-        parent: QObject,
+        show_conversation: Callable[[tuple[Turn, ...]], None],
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._parts = parts
-        self._slow_work = slow_work
         self._robot = robot
         self._do = do
+        self._show_conversation = show_conversation
         self._scenario: Scenario | None = None
         self._offered: UnfinishedTrial | None = None
         self._resumed: TrialResumed | None = None
@@ -72,13 +66,17 @@ class CrashRecoveryService(Service):
         self.step = ""
         """Protocol step in which the next recording resumes; empty if no recording broke off in a step."""
         self._saved: UnfinishedTrial | None = None
-        self._soon = QTimer(self, singleShot=True, interval=_SAVE_EVERY_MS)
-        self._soon.timeout.connect(self._persist)
+        self._soon = new_timer(self, self._persist, _SAVE_EVERY_MS, single_shot=True)
         self._end_expected = False
-        self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)
-        self._shut_down_soon.timeout.connect(self._on_not_shut_down)
-        state.recording.changed.connect(self._on_recording_changed)
-        for value in (state.persons, state.selected_person, state.protocol, state.scenario, state.robot):
+        self._shut_down_soon = new_timer(self, self._on_not_shut_down, _NOT_SHUT_DOWN_AFTER_MS, single_shot=True)
+        self._state.recording.changed.connect(self._on_recording_changed)
+        for value in (
+            self._state.persons,
+            self._state.selected_person,
+            self._state.protocol,
+            self._state.scenario,
+            self._state.robot,
+        ):
             value.changed.connect(self._on_changed)
 
     def handlers(self) -> Handlers:
@@ -215,6 +213,9 @@ class CrashRecoveryService(Service):
         if trial.attended:
             self._do(intents.AttendPerson(trial.attended, actor=intent.actor))
         self._offered, self.step = None, trial.step
+        self._slow_work.do(
+            _reporting_errors(lambda: self._parts.conversation(trial.session)), self._on_conversation, _notify
+        )
         self._resumed = TrialResumed(clock.now_ns(), trial.session.name, intent.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
@@ -227,7 +228,13 @@ class CrashRecoveryService(Service):
             )
         )
 
+    def _on_conversation(self, turns: tuple[Turn, ...]) -> None:
+        if self._resumed is not None:
+            self._show_conversation(turns)
+
     def _leave(self, intent: intents.LeaveTrial) -> None:
+        if self._resumed is not None:
+            self._show_conversation(())
         self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
         self._state.going_on.set(CrashRecoveryStatus())
         _log.info("the trial is not gone on with, says %s", intent.actor)
@@ -274,10 +281,8 @@ def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:
 
 def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
     def run() -> T:
-        try:
+        with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
             return work()
-        except OSError as error:
-            raise UserFacingError(tr("An interrupted trial cannot be offered for resuming."), str(error), "") from error
 
     return run
 

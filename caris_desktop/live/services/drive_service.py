@@ -37,7 +37,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.live.status import HeadStatus
-from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
+from caris_desktop.robot.profile_model import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.scenario.scenario_model import Scenario
 
 RENEW_EVERY_MS = 50

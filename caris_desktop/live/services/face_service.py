@@ -9,27 +9,30 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import Qt, Signal
 
-from caris_desktop.conversation.face.drawing import Drawing, drawing_of, words_alone
+from caris_desktop.conversation.face.drawing import (
+    Drawing,
+    FaceMotion,
+    SpokenLoudness,
+    drawing_of,
+    loudness,
+    words_alone,
+)
 from caris_desktop.conversation.face.face_file import DEFAULT_FACE, Face, FaceError, load_face, parse_face, save_face
-from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudness, loudness
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -43,7 +46,7 @@ _HEAD_SHARE = 0.12
 """Eye height in a person's box, as a share from its top."""
 
 
-class FaceService(Service):
+class FaceService(ContextService):
     """Maintains ``state.face`` and, while an output is open, ``state.face_drawing`` at up to 25 Hz.
 
     Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
@@ -55,20 +58,14 @@ class FaceService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         asyncio_thread: AsyncioThread,
         *,
         frames: FrameReader,
-        parent: QObject,
         load: Callable[[str], Face] = load_face,
         save: Callable[[Face], object] = save_face,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._slow_work = slow_work
+        super().__init__(context)
         self._asyncio = asyncio_thread
         self._frames = frames
         self._load = load
@@ -85,16 +82,15 @@ class FaceService(Service):
         self._requested_by: Actor = CONSOLE
         self._picture_ns = 0
         self._contents: Drawing | bytes | None = None
-        self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
-        self._drawing.timeout.connect(self._draw)
+        self._drawing = new_timer(self, self._draw, _DRAW_EVERY_MS)
         self._page_reported.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
         self._sound_reported.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
         self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
-        bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
-        state.people.changed.connect(self._on_people)
-        state.frame.changed.connect(self._on_frame)
+        self._bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
+        self._state.people.changed.connect(self._on_people)
+        self._state.frame.changed.connect(self._on_frame)
         for source in PARTICIPANT_SOURCES:
-            state.hearing_of(source).changed.connect(self._on_hearing)
+            self._state.hearing_of(source).changed.connect(self._on_hearing)
 
     def handlers(self) -> Handlers:
         return {
@@ -170,11 +166,10 @@ class FaceService(Service):
         motion = self._motion_or_raise()
         status: FaceStatus = self._state.face.value
         if intent.expression not in status.expressions:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This face has no expression “{expression}”.").format(expression=intent.expression),
                 tr("The expression is unchanged."),
                 tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
-                severity="warning",
             )  # fmt: skip
         motion.express(intent.expression)
         self._change(replace(status, expression=intent.expression), intent.actor)
@@ -184,16 +179,11 @@ class FaceService(Service):
         self._motion_or_raise()
         text = " ".join(intent.text.split())
         if intent.what == "text" and not text:
-            raise UserFacingError(
-                tr("There is nothing to show."),
-                tr("The face is unchanged."),
-                tr("Enter a text first."),
-                severity="warning",
-            )
+            raise RefusedError(tr("There is nothing to show."), tr("The face is unchanged."), tr("Enter a text first."))
         if intent.what == "live" and not self._live_permitted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not show people what the robot sees."), tr("The face is unchanged."),
-                tr("To allow this, set face.live_picture in the scenario."), severity="warning",
+                tr("To allow this, set face.live_picture in the scenario."),
             )  # fmt: skip
         if intent.what == "photo":
             self._show_photo(text, intent.actor)
@@ -205,11 +195,10 @@ class FaceService(Service):
     def _show_photo(self, file_name: str, actor: Actor) -> None:
         photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
         if photo is None or not self._photos_permitted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That photo is not available."),
                 tr("The face is unchanged."),
                 tr("Choose one from the Photos panel."),
-                severity="warning",
             )
         self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
         self._show(photo.preview_jpeg)
@@ -226,9 +215,7 @@ class FaceService(Service):
 
     def _motion_or_raise(self) -> FaceMotion:
         if self._motion is None:
-            raise UserFacingError(
-                tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."), severity="warning"
-            )
+            raise RefusedError(tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."))
         return self._motion
 
     def _notify(self, failure: UserFacingError) -> None:
@@ -294,7 +281,7 @@ class FaceService(Service):
         if page is not None:
             self._slow_work.do(page.stop, lambda _ended: None, self._bus.answer)
             self._state.face_page.set("")
-            self._state.face.set(replace(self._state.face.value, served=False, pages=0))
+            self._state.face.update(served=False, pages=0)
 
     # Animation
 
@@ -306,12 +293,12 @@ class FaceService(Service):
             played = self._voices.get(event.utterance_id)
             self._motion.speak(SpokenLoudness(event.stamp_ns) if played is None else _voice_of(played))
             self._caption = self._with_names(event.text)
-            self._state.face.set(replace(self._state.face.value, speaking=True))
+            self._state.face.update(speaking=True)
             self._move()
         elif event.state != "requested" and event.utterance_id == self._speaking_id:
             self._speaking_id = self._caption = ""
             self._motion.speak(None)
-            self._state.face.set(replace(self._state.face.value, speaking=False))
+            self._state.face.update(speaking=False)
             self._move()
 
     def _with_names(self, text: str) -> str:
@@ -334,7 +321,7 @@ class FaceService(Service):
         listening = hearing.speaking and hearing.speaker in ("", "participant")
         if self._motion is not None and listening != self._state.face.value.listening:
             self._motion.hear(listening)
-            self._state.face.set(replace(self._state.face.value, listening=listening))
+            self._state.face.update(listening=listening)
             self._move()
 
     def _on_people(self, people: People) -> None:

@@ -3,52 +3,40 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject
-
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import ANSWER, PersonForgotten
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.events import PersonForgotten
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.erasure_run import ForgettingEnded, ForgettingProgress
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.service import ContextService, Handlers, ServiceContext, SupervisedProcess
 from caris_desktop.live.services.recording_service import ACTIVE
-from caris_desktop.live.state import LiveState
 
 if TYPE_CHECKING:
     from caris_desktop.recording.forgetting.study_erasure import Forgotten
 
 _log = logging.getLogger(__name__)
 _REPORT_EVERY = 0.25
-_ENDS_WITHIN_S = 1.0
 
 
-class ForgettingService(Service):
+class ForgettingService(ContextService):
     """One person at a time, and not while recording: the file being written cannot change."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
+        context: ServiceContext,
         body_of: Callable[[str], ProcessSpec],
         *,
         then: Callable[[intents.ForgetPerson], None],
-        parent: QObject,
     ) -> None:
         """``body_of`` returns the process body that erases a person id. ``then`` erases the console's own data."""
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context)
         self._body_of = body_of
         self._then = then
-        self._child: ChildProcess | None = None
+        self._process = SupervisedProcess(self._children, ended=self._on_ended, on_message=self._on_heard)
         self._intent = intents.ForgetPerson("")
         self._ended: ForgettingEnded | None = None
         self._reported = 0.0
@@ -56,43 +44,34 @@ class ForgettingService(Service):
     def handlers(self) -> Handlers:
         return {intents.ForgetPerson: self._forget}
 
-    def processes(self) -> Mapping[str, ChildProcess]:
-        return {} if self._child is None else {self._child.body.name: self._child}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return (self._process,)
 
     def stop(self) -> None:
-        if self._child is not None:
-            self._child.ask_to_end()
+        self._process.ask_to_end()
 
     def end(self) -> None:
-        # An interrupted erasure resumes when requested again.
-        if self._child is not None:
-            self._child.stop(grace_s=_ENDS_WITHIN_S)
+        self._process.end()  # an interrupted erasure resumes when requested again
 
     def _forget(self, intent: intents.ForgetPerson) -> None:
-        if self._child is not None:
-            raise UserFacingError(
+        if self._process.child is not None:
+            raise RefusedError(
                 tr("Another person is already being erased."),
                 tr("This person is not erased yet."),
                 tr("Try again when that is done."),
-                severity="warning",
             )
         if self._state.recording.value.state in ACTIVE:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A session is being recorded."),
                 tr("The person is not erased yet: a recording in progress cannot be changed."),
                 tr("End the recording, then try again."),
-                severity="warning",
             )
         self._intent, self._ended, self._reported = intent, None, 0.0
-        self._child = self._children.start(
-            self._body_of(intent.person_id), ended=self._on_ended, on_message=self._on_heard
-        )
-        self._bus.problem(
-            "info",
+        self._process.start(self._body_of(intent.person_id))
+        self._bus.inform(
             tr("The person is being erased from all recordings of the study."),
             tr("This takes as long as rewriting the person's videos. You can continue working."),
             tr("Start the next recording when this is done."),
-            cause=ANSWER,
         )
 
     def _on_heard(self, message: Any) -> None:
@@ -100,18 +79,13 @@ class ForgettingService(Service):
             self._ended = message
         elif isinstance(message, ForgettingProgress) and message.fraction >= self._reported + _REPORT_EVERY:
             self._reported = message.fraction
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("Erasing the person: {fraction} done.").format(fraction=f"{message.fraction:.0%}"),
                 tr("{doing}.").format(doing=tr(message.what)),
                 tr("No action is needed."),
-                cause=ANSWER,
             )
 
-    def _on_ended(self, child: ChildProcess) -> None:
-        if child is not self._child:
-            return
-        self._child = None
+    def _on_ended(self) -> None:
         ended = self._ended
         if ended is None:
             self._bus.problem(
@@ -160,10 +134,8 @@ class ForgettingService(Service):
         ):
             self._bus.problem("warning", sentence, tr("This part is not erased."), tr("Erase the person again."))
         if outcome.complete:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("The person is erased: no data about them is found in the study or in your own files."),
                 tr("Recordings that showed or named the person were changed and are marked as changed."),
                 tr("The receipt is {receipt}.").format(receipt=outcome.receipt),
-                cause=ANSWER,
             )

@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.conversation.listening.recogniser_messages import (
     EndTurns,
     RecogniserAway,
@@ -23,11 +21,16 @@ from caris_desktop.domain.events import Gap, UtteranceChanged, UtteranceCorrecte
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager, localize_problem
-from caris_desktop.live.service import Follows, Restarts, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import (
+    ContextService,
+    Follows,
+    Restarts,
+    ServiceContext,
+    SupervisedProcess,
+    localize_problem,
+)
 from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -38,52 +41,38 @@ delayed.
 """
 
 
-class ListeningService(Service):
+class ListeningService(ContextService):
     """``body`` returns the recogniser process of a scenario."""
 
-    def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
-        body: Callable[[Scenario], ProcessSpec],
-        *,
-        parent: QObject,
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+    def __init__(self, context: ServiceContext, body: Callable[[Scenario], ProcessSpec]) -> None:
+        super().__init__(context)
         self._body_of = body
         self._body: ProcessSpec | None = None
-        self._child: ChildProcess | None = None
         self._feed: ListeningFeed | None = None
         self._to_recogniser: ListeningFeed | None = None
         """The same once it is ready; the taps read it in their threads."""
         self._to_dictate = True
         """Whether the wizard's voice is for the Speak field, and not heard from the robot anyway."""
         self._silence = UseSilence(0.3, 3.0)
-        self._restarts = Restarts()
+        self._process = SupervisedProcess(
+            self._children, ended=self._on_ended, on_message=self.on_heard, grace_s=_GRACE_S
+        )
         self._started = self._stopped = False
-        self._soon = QTimer(self, singleShot=True, interval=_LOADS_AFTER_MS)
-        self._soon.timeout.connect(self._begin)
-        bus.tap(self._on_sound, (AudioChunk,))
-        bus.tap(self._pass_on, (PlayedSound, PlayedSoundEnded))
-        bus.tap(self._on_utterance, (UtteranceChanged,))
-        for microphone in (state.microphone, state.wizard_microphone):
+        self._soon = new_timer(self, self._begin, _LOADS_AFTER_MS, single_shot=True)
+        self._bus.tap(self._on_sound, (AudioChunk,))
+        self._bus.tap(self._pass_on, (PlayedSound, PlayedSoundEnded))
+        self._bus.tap(self._on_utterance, (UtteranceChanged,))
+        for microphone in (self._state.microphone, self._state.wizard_microphone):
             microphone.changed.connect(self._on_microphone_changed)
-        state.sound.changed.connect(self._on_sound_status_changed)
+        self._state.sound.changed.connect(self._on_sound_status_changed)
         self._records = False
-        state.recording.changed.connect(self._on_recording_changed)
+        self._state.recording.changed.connect(self._on_recording_changed)
 
     def follows(self) -> Follows:
         return {UtteranceCorrected: self._on_corrected}
 
-    def processes(self) -> dict[str, ChildProcess]:
-        return {} if self._child is None else {self._child.body.name: self._child}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {} if self._body is None else {self._body.name: self._restarts}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return () if self._body is None else (self._process,)
 
     def use_scenario(self, scenario: Scenario) -> None:
         body = self._body_of(scenario) if scenario.permissions.transcription else None
@@ -96,7 +85,7 @@ class ListeningService(Service):
             return
         self._body = body
         self._leave()
-        self._restarts = Restarts()
+        self._process.restarts = Restarts()
         if self._started:
             self._soon.start()
 
@@ -108,13 +97,13 @@ class ListeningService(Service):
         self._stopped = True
         self._soon.stop()
         self._to_recogniser = None
-        if self._child is not None and self._feed is not None:
-            self._child.ask_to_end()
+        self._process.ask_to_end()
+        if self._feed is not None:
             self._feed.end()
 
     def end(self) -> None:
-        if self._child is not None and self._feed is not None:
-            self._child.stop(grace_s=_GRACE_S)
+        self._process.end()
+        if self._feed is not None:
             self._feed.join()
 
     def on_heard(self, message: Any) -> None:
@@ -146,16 +135,15 @@ class ListeningService(Service):
 
     def _begin(self) -> None:
         """Start the recogniser, once there is audio: it takes hundreds of megabytes."""
-        if self._body is None or self._child is not None or not self._started or self._stopped:
+        if self._body is None or self._process.child is not None or not self._started or self._stopped:
             return
         if self._soon.isActive():
             return
         microphones = (self._state.microphone.value, self._state.wizard_microphone.value)
-        if self._restarts.exhausted or all(each.state in ("off", "failed") for each in microphones):
+        if self._process.restarts.exhausted or all(each.state in ("off", "failed") for each in microphones):
             return
         self._state.listening.set(ListeningStatus("loading"))
-        self._child = self._children.start(self._body, ended=self._on_ended, on_message=self.on_heard)
-        self._feed = ListeningFeed(self._child, self._bus.publish)
+        self._feed = ListeningFeed(self._process.start(self._body), self._bus.publish)
         self._report_silence()
 
     def _report_silence(self) -> None:
@@ -164,21 +152,18 @@ class ListeningService(Service):
 
     def _leave(self) -> None:
         """End the recogniser, for a scenario without it or with another one."""
-        child, feed, self._to_recogniser = self._child, self._feed, None
-        self._child = self._feed = None
+        feed, self._feed, self._to_recogniser = self._feed, None, None
         self._state.listening.set(ListeningStatus())
-        if child is None or feed is None:
-            return
-        child.ask_to_end()
-        feed.end()
-        self._children.dismiss(child, grace_s=_GRACE_S, then=feed.join)
+        if feed is not None:
+            self._process.ask_to_end()
+            feed.end()
+            self._process.dismiss(feed.join)
 
-    def _on_ended(self, child: ChildProcess) -> None:
-        if child is not self._child or self._feed is None:
-            return
-        self._feed.end()
-        self._child = self._feed = self._to_recogniser = None
-        self._restarts.after_end(self._report_ended, self._begin)
+    def _on_ended(self) -> None:
+        if self._feed is not None:
+            self._feed.end()
+        self._feed = self._to_recogniser = None
+        self._process.restarts.after_end(self._report_ended, self._begin)
 
     def _report_ended(self, advice: str) -> None:
         self._bus.problem(

@@ -6,16 +6,16 @@ only, in visible levels.
 from collections import deque
 from collections.abc import Callable, Iterable
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.model_client import ModelClient
-from caris_desktop.live.service import Service
+from caris_desktop.live.service import ContextService, Service, ServiceContext
 from caris_desktop.live.services.people_service import PeopleService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LoadStatus
@@ -164,22 +164,18 @@ class LoadLevels:
             measure.forget()
 
 
-class LoadSheddingService(Service):
+class LoadSheddingService(ContextService):
     """Measures the load, reduces deferrable work, and maintains ``state.load``."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
+        context: ServiceContext,
         people: PeopleService,
         models: ModelClient,
         *,
-        parent: QObject,
         now_ns: Callable[[], int] = clock.now_ns,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._people = people
         self._models = models
         self._now_ns = now_ns
@@ -191,11 +187,10 @@ class LoadSheddingService(Service):
         self._listens_locally = False
         self._panels_until_ns = 0
         for source in PARTICIPANT_SOURCES:
-            state.hearing_of(source).changed.connect(self._apply)
-        bus.tap(self._note_frame, (FrameRef,))
-        bus.tap(self._note_people, (People,))
-        self._timer = QTimer(self, interval=POLL_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._measure)
+            self._state.hearing_of(source).changed.connect(self._apply)
+        self._bus.tap(self._note_frame, (FrameRef,))
+        self._bus.tap(self._note_people, (People,))
+        self._timer = new_timer(self, self._measure, POLL_EVERY_MS, precise=True)
         models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -265,8 +260,7 @@ class HealthService(Service):
         super().__init__(parent)
         self._state = state
         self._services = services
-        self._timer = QTimer(self, interval=_POLL_EVERY_MS)
-        self._timer.timeout.connect(self.update)
+        self._timer = new_timer(self, self.update, _POLL_EVERY_MS)
 
     def start(self) -> None:
         self._timer.start()

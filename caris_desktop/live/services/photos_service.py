@@ -6,21 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.replay_video import DisplayFrames
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (
     CAMERA,
@@ -60,7 +56,7 @@ class _StoredPhoto(Value):
         return self.folder / self.entry.file_name
 
 
-class PhotosService(Service):
+class PhotosService(ContextService):
     """Maintains ``state.photos``, newest first. Files are accessed in a background thread (``slow_work``).
 
     A deleted photo leaves its folder at once, so that the session's checksums stay correct; until the session ends it
@@ -69,20 +65,14 @@ class PhotosService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         recording: RecordingService,
         assistant: AssistantService,
         *,
         frames: DisplayFrames,
         study: Path,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._slow_work = slow_work
+        super().__init__(context)
         self._recording = recording
         self._assistant = assistant
         assistant.use_pictures(self._read_for_model)
@@ -93,8 +83,7 @@ class PhotosService(Service):
         self._session: Path | None = None
         self._permitted = False
         self._listed = False
-        self._listing = QTimer(self, singleShot=True, interval=_LIST_AFTER_MS)
-        self._listing.timeout.connect(self.list_earlier)
+        self._listing = new_timer(self, self.list_earlier, _LIST_AFTER_MS, single_shot=True)
 
     def handlers(self) -> Handlers:
         return {
@@ -203,13 +192,12 @@ class PhotosService(Service):
         cleaned = (" ".join(tag.replace(",", " ").split()) for tag in intent.tags)
         tags = tuple(dict.fromkeys(tag for tag in cleaned if tag))
         if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The photo was not tagged."),
                 tr("The photo's tags are unchanged."),
                 tr("Use at most {most} tags of up to {longest} characters each.").format(
                     most=MAX_TAGS, longest=MAX_TAG_CHARACTERS
                 ),
-                severity="warning",
             )
         photo = self._changeable(intent.file_name, tr("The photo was not tagged."))
 
@@ -231,11 +219,10 @@ class PhotosService(Service):
     def _restore(self, intent: intents.RestorePhoto) -> None:
         photo = self._stored.get(intent.file_name)
         if photo is None or not photo.entry.deleted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("There is no deleted photo to restore."),
                 tr("Deleted photos are removed permanently when their session ends."),
                 tr("Take another one if it is needed."),
-                severity="warning",
             )
         self._change(
             lambda: move_photo(self._lies_aside(photo), photo.path),
@@ -249,11 +236,10 @@ class PhotosService(Service):
 
     def _ask(self, intent: intents.AskAboutPhoto) -> None:
         if not self._permitted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow photos."),
                 tr("The assistant was not asked."),
                 tr("Ask without a photo."),
-                severity="warning",
             )
         photo = self._found(intent.file_name)
         question = intent.question.strip() or tr("What is in this picture?")
@@ -275,31 +261,28 @@ class PhotosService(Service):
         if stream.freshness == "fresh":
             image_bgr = self._frames.read_to_give(stream.value)
         if image_bgr is None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That camera has no video now."), tr("The assistant was not asked."),
                 tr("Ask without the picture."),
-                severity="warning",
             )  # fmt: skip
         return lambda: jpegs_of(image_bgr, _FOR_MODEL_PX)[0]
 
     def _found(self, file_name: str) -> _StoredPhoto:
         photo = self._stored.get(file_name)
         if photo is None or photo.entry.deleted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The photo does not exist."), tr("It was deleted, or belongs to another session."),
                 tr("Choose another one."),
-                severity="warning",
             )  # fmt: skip
         return photo
 
     def _changeable(self, file_name: str, if_not: str) -> _StoredPhoto:
         photo = self._found(file_name)
         if not photo.entry.changeable:
-            raise UserFacingError(
+            raise RefusedError(
                 if_not,
                 tr("Its session has ended, and the checksums cover every file."),
                 tr("Note it in the session's annotations."),
-                severity="warning",
             )
         return photo
 
@@ -334,11 +317,10 @@ def _pictures(path: Path, *most_px: int) -> list[bytes]:
         return previews(path, *most_px)
     except (OSError, PhotoFileError) as error:
         what = tr("{name} cannot be read ({error}).").format(name=path.name, error=error)
-        raise UserFacingError(
+        raise RefusedError(
             tr("A photo cannot be shown."),
             what,
             tr("The photo is left unchanged. Check whether another program can show the file."),
-            severity="warning",
         ) from error
 
 

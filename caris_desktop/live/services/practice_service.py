@@ -6,8 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import (
@@ -28,9 +26,8 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.status import IN_SESSION, PracticeStatus, PracticeStepStatus, RecordingStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -147,7 +144,11 @@ class Practice:
         self._happened: Mapping[str, Callable[[Any], bool]] = {
             "drive": lambda _event: self._driven_m >= _DRIVEN_M,
             "type": self._typed_while_driving,
-            "phrase": lambda event: _was_spoken(event, "phrase"),
+            "phrase": lambda event: (
+                isinstance(event, UtteranceChanged)
+                and event.origin == "phrase"
+                and event.state in ("started", "finished")
+            ),
             "name": lambda event: isinstance(event, PersonRenamed) and bool(event.actor),
             "photo": lambda event: isinstance(event, PhotoTaken),
             "ask": lambda event: (
@@ -225,10 +226,6 @@ class Practice:
         return self._latched and isinstance(event, EmergencyStopChanged) and not event.latched
 
 
-def _was_spoken(event: Any, origin: str) -> bool:
-    return isinstance(event, UtteranceChanged) and event.origin == origin and event.state in ("started", "finished")
-
-
 PURPOSE = "practice"
 _SIMULATED = "simulated"
 LINK_IS_CUT_S = 4.0
@@ -251,21 +248,13 @@ class PracticeAdapters(Value):
     cut_link: Callable[[float], None]
 
 
-class PracticeService(Service):
+class PracticeService(ContextService):
     """Maintains ``state.practice``. The practice is recorded as a session that is excluded from the data."""
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        parts: PracticeAdapters,
-        *,
-        do: Callable[[intents.Intent], str],
-        parent: QObject,
+        self, context: ServiceContext, parts: PracticeAdapters, *, do: Callable[[intents.Intent], str]
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._parts = parts
         self._do = do
         self._practice: Practice | None = None
@@ -273,12 +262,10 @@ class PracticeService(Service):
         self._scenario_before: Scenario | None = None
         self._robot_before = ""
         self._question_count = 0
-        self._ask_again = QTimer(self, interval=_REPEAT_AFTER_MS)
-        self._ask_again.timeout.connect(self._repeat_question)
-        self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
-        self._stage.timeout.connect(self._begin_when_ready)
-        state.odometry.changed.connect(self._on_odometry)
-        state.recording.changed.connect(self._on_recording_changed)
+        self._ask_again = new_timer(self, self._repeat_question, _REPEAT_AFTER_MS)
+        self._stage = new_timer(self, self._begin_when_ready, _STAGE_EVERY_MS)
+        self._state.odometry.changed.connect(self._take)
+        self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
         return {
@@ -288,7 +275,7 @@ class PracticeService(Service):
         }
 
     def follows(self) -> Follows:
-        return dict.fromkeys(_WATCHED, self._on_event)
+        return dict.fromkeys(_WATCHED, self._take)
 
     def stop(self) -> None:
         self._ask_again.stop()
@@ -379,16 +366,9 @@ class PracticeService(Service):
 
     # Events
 
-    def _on_event(self, event: Any) -> None:
-        if self._practice is not None:
-            self._take(event)
-
-    def _on_odometry(self, odometry: Odometry | None) -> None:
-        if self._practice is not None and odometry is not None:
-            self._take(odometry)
-
     def _take(self, value: Any) -> None:
-        if self._practice is None:
+        """Process an event, or odometry, which is None without a robot."""
+        if self._practice is None or value is None:
             return
         ended = self._practice.add(value, self._now_s())
         if ended is not None:

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, Event, Gap, Problem, UtteranceChanged
@@ -19,13 +17,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.domain.streams import BY_TYPE, STREAMS_OF_LINK, Delivery, streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.addressee import addressee
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Restarts, ServiceContext
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.recorder_messages import (
@@ -296,29 +290,15 @@ _CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")
 
 
-class RecordingService(Service):
+class RecordingService(ContextService):
     """Starts and ends sessions, forwards all values to the recorder, and maintains ``state.recording``."""
 
-    def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
-        body: ProcessSpec,
-        slow_work: BackgroundWorker,
-        *,
-        rings: RingsToRead,
-        parent: QObject,
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
-        self._slow_work = slow_work
+    def __init__(self, context: ServiceContext, body: ProcessSpec, *, rings: RingsToRead) -> None:
+        super().__init__(context)
         self._body = replace(body, arguments=(*body.arguments, rings))
-        self._problem = bus.problem
-        bus.tap(self.put)
-        state.persons.changed.connect(self._on_persons_changed)
+        self._problem = self._bus.problem
+        self._bus.tap(self.put)
+        self._state.persons.changed.connect(self._on_persons_changed)
         self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
         self._folder: Path | None = None
@@ -392,7 +372,7 @@ class RecordingService(Service):
         if not self.idle or self._scenario is None:
             return False
         if self._restarts.exhausted:
-            self._state.recording.set(replace(self._state.recording.value, state="failed"))
+            self._state.recording.update(state="failed")
             self._problem(
                 "error", tr("The recorder failed too often."), tr("Nothing is recorded."), tr("Restart the program.")
             )
@@ -400,9 +380,7 @@ class RecordingService(Service):
         self._folder = None
         self._audio = self._scenario.permissions.audio_recording
         now_ns = clock.now_ns()
-        self._state.recording.set(
-            replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
-        )
+        self._state.recording.update(state="starting", folder=None, started_ns=now_ns, detail="")
         self._feed.hold(*opened)
         return True
 
@@ -420,7 +398,7 @@ class RecordingService(Service):
         def failed(failure: UserFacingError) -> None:
             self._making_folder = self._audio = False
             self._feed.drop()
-            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=failure.what))
+            self._state.recording.update(state="failed", detail=failure.what)
             self._problem("error", tr(failure.what), tr(failure.meaning), tr(failure.advice), until="recording")
             refused()
 
@@ -434,7 +412,7 @@ class RecordingService(Service):
         permissions, recording = self._scenario.permissions, self._scenario.recording
         # No video before: frames would have left the ring. A session that ended meanwhile has what came until then.
         self._video = permissions.video_recording and self._state.recording.value.state == "starting"
-        self._state.recording.set(replace(self._state.recording.value, folder=folder))
+        self._state.recording.update(folder=folder)
         self._feed.begin(
             StartRecording(
                 folder,
@@ -455,9 +433,9 @@ class RecordingService(Service):
         self._video = self._audio = False
         if self._feed.holds and not self._making_folder:
             self._feed.drop()
-            self._state.recording.set(replace(self._state.recording.value, state="idle"))
+            self._state.recording.update(state="idle")
             return
-        self._state.recording.set(replace(self._state.recording.value, state="stopping"))
+        self._state.recording.update(state="stopping")
         self._feed.stop(StopRecording(reason, actor))
 
     def pause_session(self, opened: Sequence[Event], intent: intents.PauseRecording) -> None:
@@ -537,18 +515,15 @@ class RecordingService(Service):
     def on_report(self, report: RecorderReport) -> None:
         if self._state.recording.value.state == "stopping" and report.state not in ("idle", "failed"):
             return  # sent before the end was requested
-        self._state.recording.set(
-            replace(
-                self._state.recording.value,
-                state=report.state,
-                written_bytes=report.written_bytes,
-                free_bytes=report.free_bytes,
-                detail=report.detail,
-                bytes_per_s=report.bytes_per_s,
-                room_s=report.room_s,
-                dropped=report.dropped,
-                covered_whole=report.covered_whole,
-            )
+        self._state.recording.update(
+            state=report.state,
+            written_bytes=report.written_bytes,
+            free_bytes=report.free_bytes,
+            detail=report.detail,
+            bytes_per_s=report.bytes_per_s,
+            room_s=report.room_s,
+            dropped=report.dropped,
+            covered_whole=report.covered_whole,
         )
         if report.state in ("idle", "failed"):
             self._video = self._audio = False
@@ -571,12 +546,8 @@ class RecordingService(Service):
             return  # the announced session begins with the new recorder
         self._feed.drop()
         self._video = self._audio = False
-        self._state.recording.set(
-            replace(
-                self._state.recording.value,
-                state="failed" if interrupted or not again else "idle",
-                detail=QT_TR_NOOP("the recorder stopped"),
-            )
+        self._state.recording.update(
+            state="failed" if interrupted or not again else "idle", detail=QT_TR_NOOP("the recorder stopped")
         )
         self._problem(
             "error",

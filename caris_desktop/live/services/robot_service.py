@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -46,23 +46,20 @@ from caris_desktop.domain.link_commands import (
     SetInitialPose,
     UseControl,
 )
-from caris_desktop.domain.ports import ReportProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, Restarts, ServiceContext
 from caris_desktop.live.services.cameras_service import CameraSelection
 from caris_desktop.live.services.drive_service import DriveService
 from caris_desktop.live.services.people_service import PeopleService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, interface_names, profile_text
+from caris_desktop.robot.profile import profile_text
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Place, Scenario
 
 _log = logging.getLogger(__name__)
@@ -93,36 +90,29 @@ class RobotConnection(Value):
     settle: Callable[[], Coroutine[Any, Any, "RobotConnection"]] | None = None
 
 
-class RobotService(Service):
+class RobotService(ContextService):
     """Runs the links and maintains ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
 
     _settled = Signal(object, object)
 
     def __init__(
         self,
-        state: LiveState,
+        context: ServiceContext,
         ring: FrameRing,
         *,
         new_child: Callable[[ProcessSpec], ChildProcess],
-        publish: Callable[[Any], None],
-        problem: ReportProblem,
         before_goal: Callable[[], None],
         selected_cameras: Callable[[Scenario], CameraSelection],
-        slow_work: BackgroundWorker,
         asyncio_thread: AsyncioThread,
-        parent: QObject | None = None,
     ) -> None:
         """``before_goal`` ends teleoperation."""
-        super().__init__(parent)
-        self._state = state
+        super().__init__(context)
         self._ring = ring
         self._new_child = new_child
-        self._publish = publish
-        self._problem = problem
+        self._publish, self._problem = context.bus.publish, context.bus.problem
         self._before_goal = before_goal
         self._cameras_of = selected_cameras
         self._cameras = CameraSelection()
-        self._slow_work = slow_work
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
         self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
@@ -367,14 +357,11 @@ class RobotService(Service):
             self._restart_link("media")
 
         media.ask_to_end()
-        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._report_failure)
+        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._bus.answer)
 
     def _forget_cameras(self, cameras: tuple[CameraTopic, ...]) -> None:
         for camera in cameras:
             self._state.forget_camera(camera.name)
-
-    def _report_failure(self, failure: UserFacingError) -> None:
-        self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
     # Robot messages
 
@@ -383,27 +370,18 @@ class RobotService(Service):
         if isinstance(event, LinkChanged):
             self._on_link_changed(event)
         elif isinstance(event, LinkQuality):
-            self._state.link.set(
-                replace(
-                    self._state.link.value,
-                    round_trip_ms=event.round_trip_ms,
-                    clock_offset_ms=event.clock_offset_ms,
-                    clock_uncertainty_ms=event.clock_uncertainty_ms,
-                )
+            self._state.link.update(
+                round_trip_ms=event.round_trip_ms,
+                clock_offset_ms=event.clock_offset_ms,
+                clock_uncertainty_ms=event.clock_uncertainty_ms,
             )
         elif isinstance(event, GoalChanged):
             self._state.goal.set(event)
         elif isinstance(event, TrafficMeasured):
             self._state.traffic.set({**self._state.traffic.value, event.link: event})
         elif isinstance(event, MappingChanged):
-            self._state.mapping.set(
-                replace(
-                    self._state.mapping.value,
-                    mapping=event.mapping,
-                    can_save=event.can_save,
-                    can_load=event.can_load,
-                    can_switch=event.can_switch,
-                )
+            self._state.mapping.update(
+                mapping=event.mapping, can_save=event.can_save, can_load=event.can_load, can_switch=event.can_switch
             )
         elif isinstance(event, MapRequestChanged):
             self._on_map_request_changed(event)
@@ -417,14 +395,11 @@ class RobotService(Service):
         if event.link == "media":
             return
         before = self._state.link.value.state
-        self._state.link.set(
-            replace(
-                self._state.link.value,
-                state=event.state,
-                address=event.address,
-                detail=event.detail,
-                round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
-            )
+        self._state.link.update(
+            state=event.state,
+            address=event.address,
+            detail=event.detail,
+            round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
         )
         if event.state in ("lost", "closed"):
             self._state.control_states.set({})
@@ -457,7 +432,7 @@ class RobotService(Service):
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:
         busy = event.operation if event.state == "requested" else ""
-        self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
+        self._state.mapping.update(busy=busy)
         if event.state == "failed":
             what = tr(_MAP_WORDS[event.operation])
             self._problem("warning", what, f"{tr(event.detail)}.", tr("The robot's map is unchanged."), cause=ANSWER)
@@ -579,7 +554,7 @@ class RobotService(Service):
 # Robot connection service: switches robots, leaving the former one stopped and its state cleared.
 
 
-class AnotherRobotService(Service):
+class AnotherRobotService(ContextService):
     """Connects the robot requested last; finding and leaving one may take a while.
 
     ``by_name`` reads files in a background thread and raises UserFacingError. ``simulated`` starts the simulated robot
@@ -588,8 +563,7 @@ class AnotherRobotService(Service):
 
     def __init__(
         self,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         *,
         by_name: Callable[[str], RobotConnection],
         simulated: Callable[[Actor], None],
@@ -597,13 +571,10 @@ class AnotherRobotService(Service):
         drive: DriveService,
         recording: RecordingService,
         people: PeopleService,
-        parent: QObject | None = None,
     ) -> None:
-        super().__init__(parent)
-        self._bus = bus
+        super().__init__(context)
         self._by_name = by_name
         self._simulated = simulated
-        self._slow_work = slow_work
         self._robot = robot
         self._drive = drive
         self._recording = recording

@@ -6,20 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.events import Event, LayoutChanged, PlacesChanged, ScenarioOpened
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import BackgroundWorker, new_timer
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
-from caris_desktop.live.service import Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Handlers, ServiceContext
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.scenario_file import OtherFileError
@@ -90,7 +88,7 @@ Filed = tuple[Scenario, str]
 """Scenario as in its file, with its text."""
 
 
-class ScenarioService(Service):
+class ScenarioService(ContextService):
     """Maintains ``state.scenario`` and ``state.places``. ``apply`` passes a scenario to all services. A scenario
     changed on disk by another program is reopened.
 
@@ -98,34 +96,22 @@ class ScenarioService(Service):
     """
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        parts: ScenarioAdapters,
-        scenario: Scenario,
-        slow_work: BackgroundWorker,
-        *,
-        apply: Callable[[Scenario], None],
-        parent: QObject,
+        self, context: ServiceContext, parts: ScenarioAdapters, scenario: Scenario, *, apply: Callable[[Scenario], None]
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._parts = parts
-        self._slow_work = slow_work
         self._apply = apply
         self._layout: LayoutChanged | None = None
         # A scenario given at program start counts as the wizard's choice.
         self._opened_by: Actor = WIZARD
         self._closed = False
-        self._show = QTimer(self, singleShot=True, interval=_NEXT_TURN_MS)
-        self._show.timeout.connect(self._show_current)
+        self._show = new_timer(self, self._show_current, _NEXT_TURN_MS, single_shot=True)
         self.current = scenario
         self._text = parts.text(scenario)
         # ``current`` after all pending requests; for the background thread only.
         self._filed = scenario
-        state.scenario.set(scenario)
-        self._watch = ScenarioWatch(slow_work, self._on_changed_outside, self)
+        self._state.scenario.set(scenario)
+        self._watch = ScenarioWatch(self._slow_work, self._on_changed_outside, self)
         self._watch.use(scenario.path, scenario.sha256)
 
     def handlers(self) -> Handlers:
@@ -166,10 +152,10 @@ class ScenarioService(Service):
             layouts.note_saved(path, intent, replaced=replaced)
             if intent.title:
                 what = tr("The scenario {title} was created and is open.").format(title=intent.title)
-                self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
+                self._bus.inform(what, tr("It is in {path}.").format(path=path))
             else:
                 where = tr("It is saved in your own copy, {path}.").format(path=path)
-                self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
+                self._bus.inform(tr("The panel layout was saved."), where)
 
         self._rewrite(lambda scenario: layouts.save(scenario, intent), written, intent.actor)
 
@@ -184,9 +170,9 @@ class ScenarioService(Service):
 
         def written(path: Path) -> None:
             layouts.note_reset(path)
-            self._bus.problem(
-                "info", tr("The panel layout was reset."), tr("The saved layout was undone."),
-                tr("Save the layout again to store another one."), cause=ANSWER,
+            self._bus.inform(
+                tr("The panel layout was reset."), tr("The saved layout was undone."),
+                tr("Save the layout again to store another one."),
             )  # fmt: skip
 
         self._rewrite(lambda scenario: layouts.reset(scenario, before), written, intent.actor)
@@ -225,14 +211,13 @@ class ScenarioService(Service):
             except ConfirmationNeededError:
                 raise
             except UserFacingError as failure:
-                raise UserFacingError(
+                raise RefusedError(
                     tr("The scenario file was changed and is now invalid."),
                     failure.meaning,
                     tr(
                         "The previous scenario stays in effect. Correct the file: the console reads it again "
                         "automatically."
                     ),
-                    severity="warning",
                 ) from failure
 
         self._slow_work.do(work, lambda filed: self._use(filed, CONSOLE), self._bus.answer)
@@ -249,12 +234,10 @@ class ScenarioService(Service):
             return
         self._state.file_question.set(None)
         if not intent.accepted:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("“{title}” is not used.").format(title=question.title),
                 tr("Nothing that the file refers to was opened or connected."),
                 tr("Open it again to confirm it, or correct the file."),
-                cause=ANSWER,
             )
             return
 
@@ -319,37 +302,31 @@ class ScenarioService(Service):
             if not (imported.put_aside or imported.renamed):
                 what = tr("“{title}” was imported and is open.").format(title=self.current.title)
                 where = tr("It is in {path}.").format(path=imported.path)
-                self._bus.problem("info", what, where, "", cause=ANSWER)
+                self._bus.inform(what, where)
             if imported.put_aside:
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("The imported scenario replaced existing files."),
                     tr("The replaced files are not lost: they are in {files}.").format(files=imported.put_aside),
                     tr("Delete them when you no longer need them."),
-                    cause=ANSWER,
                 )
             if imported.renamed:
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("These names were already in use: {names}.").format(names=imported.renamed),
                     tr("The existing files are unchanged, and the imported scenario uses its own files."),
                     tr("Compare the files when you have time."),
-                    cause=ANSWER,
                 )
 
         self._slow_work.do(work, done, self._bus.answer)
 
     def _share(self, intent: intents.ShareScenario) -> None:
         def done(_written: None) -> None:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("The scenario was exported to {file}.").format(file=intent.path.name),
                 tr(
                     "The file contains the phrases, places, prompts and notes, and the robot profile without any "
                     "secrets."
                 ),
                 tr("The recipient opens it with “Import a scenario”."),
-                cause=ANSWER,
             )
 
         self._slow_work.do(lambda: self._parts.share(self._filed, intent.path), done, self._bus.answer)
@@ -453,10 +430,8 @@ class ScenarioWatch(QObject):
         self._checksum_seen = ""
         self._touched: Touched | None = None
         self._asking = False
-        self._clock = QTimer(self, interval=WATCH_EVERY_MS)
-        self._clock.timeout.connect(self._ask)
-        self._rest = QTimer(self, singleShot=True, interval=FILE_AT_REST_MS)
-        self._rest.timeout.connect(self.check_contents)
+        self._clock = new_timer(self, self._ask, WATCH_EVERY_MS)
+        self._rest = new_timer(self, self.check_contents, FILE_AT_REST_MS, single_shot=True)
 
     def start(self) -> None:
         self._clock.start()

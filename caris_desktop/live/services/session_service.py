@@ -2,7 +2,7 @@
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +12,12 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, Marked, PersonAppeared
-from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.plugins import PluginError, find, installed
+from caris_desktop.domain.failure import RefusedError
+from caris_desktop.domain.plugins import PluginError, PluginGroup, find, installed
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, Service, ServiceContext
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryService
 from caris_desktop.live.services.microphone_service import MicrophoneService
@@ -33,7 +32,7 @@ from caris_desktop.live.status import LinkStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.recording.session.session_marks import final_marks_of, notes_among
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario, plugin_panels
 
 # Mark service: marks and notes of the wizard; each change is an event with the same id. GUI thread.
 
@@ -123,11 +122,11 @@ class MarksService(Service):
     def add_note(self, intent: intents.AddNote) -> None:
         text = _written(intent.text)
         if self._state.recording.value.state != "recording":
-            raise UserFacingError(
+            raise RefusedError(
                 tr(
-                    "The note was not "
-                    "saved."), tr("Nothing is being recorded now, so the note would not belong to a session."),
-                tr("Start or continue the recording, then press Enter again."), severity="warning",
+                "The note was not "
+                "saved."), tr("Nothing is being recorded now, so the note would not belong to a session."),
+                tr("Start or continue the recording, then press Enter again."),
             )  # fmt: skip
         now_ns = clock.now_ns()
         at_ns = now_ns - round(intent.earlier_s * _NANOSECONDS)
@@ -154,9 +153,9 @@ class MarksService(Service):
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)
         if mark is None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That note belongs to another session."), tr("Nothing was changed."),
-                tr("Change it in the session in which it was written."), severity="warning",
+                tr("Change it in the session in which it was written."),
             )  # fmt: skip
         return mark
 
@@ -185,11 +184,8 @@ def _moment_ns(mark: Marked) -> int:
 def _written(text: str) -> str:
     text = " ".join(text.split())
     if not text:
-        raise UserFacingError(
-            tr("A note needs text."),
-            tr("The note is unchanged."),
-            tr("Remove the note if you do not need it."),
-            severity="warning",
+        raise RefusedError(
+            tr("A note needs text."), tr("The note is unchanged."), tr("Remove the note if you do not need it.")
         )
     return text
 
@@ -226,24 +222,15 @@ class SessionServices(Value):
     preflight: PreflightService
 
 
-class SessionService(Service):
+class SessionService(ContextService):
     """Starts, pauses and ends sessions, and takes photos."""
 
-    def __init__(
-        self,
-        state: LiveState,
-        parts: SessionAdapters,
-        slow_work: BackgroundWorker,
-        concerned: SessionServices,
-        parent: QObject,
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
+    def __init__(self, context: ServiceContext, parts: SessionAdapters, concerned: SessionServices) -> None:
+        super().__init__(context)
         self._parts = parts
-        self._slow_work = slow_work
         self._with = concerned
         self._latched: EmergencyStopChanged | None = None
-        state.recording.changed.connect(self._on_recording_changed)
+        self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
         return {
@@ -285,13 +272,12 @@ class SessionService(Service):
         """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
         waits = self._with.preflight.waits_for()
         if waits:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The recording did not start. Not ready: {checks}.").format(
                     checks=", ".join(tr(check.title) for check in waits)
                 ),
                 tr("Nothing is recorded."),
                 tr("Resolve this in the preflight checks, or choose Record anyway in Start recording."),
-                severity="warning",
             )
 
     def _begin(self, intent: intents.StartRecording) -> None:
@@ -305,7 +291,10 @@ class SessionService(Service):
                 scenario,
                 connection,
                 plugins=dict(self._state.perception.value.plugins) | concerned.assistant.plugins,
-                speech=(self._state.voice.value.used, self._state.listening.value.model),
+                named={
+                    "speech": (self._state.voice.value.used, self._state.listening.value.model),
+                    "panels": plugin_panels(scenario),
+                },
             ),
             intent.actor,
             refused=concerned.microphone.close,
@@ -387,16 +376,19 @@ def _with_plugins(
     connection: RobotConnection | None,
     *,
     plugins: dict[str, str],
-    speech: tuple[str, ...],
+    named: Mapping[PluginGroup, tuple[str, ...]],
 ) -> tuple[Path, SessionHeader]:
     """New session whose header names the plug-ins that run, with the package and version of each.
 
-    ``speech`` are voice and recogniser.
+    ``named`` are those in use, ``plugin:NAME`` if a plug-in.
     """
     folder, header = new_session(details, scenario, connection)
-    with contextlib.suppress(PluginError):
-        used = [find("speech", name.removeprefix("plugin:")) for name in speech if name.startswith("plugin:")]
-        plugins |= {plugin.title: plugin.package for plugin in used}
+    for group, names in named.items():
+        for name in names:
+            if name.startswith("plugin:"):
+                with contextlib.suppress(PluginError):
+                    plugin = find(group, name.removeprefix("plugin:"))
+                    plugins |= {plugin.title: plugin.package}
     of_robot = plugin_address(connection.address) if connection is not None else None
     robot = installed("robots").get(of_robot[0]) if of_robot is not None else None
     if robot is not None and not robot.is_built_in:

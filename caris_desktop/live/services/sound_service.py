@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.sound.playback_process import (
+from caris_desktop.conversation.resampling import Resampler
+from caris_desktop.conversation.sound_devices import (
     BeginPlaying,
     EndPlaying,
     PlaybackAlive,
@@ -18,25 +19,29 @@ from caris_desktop.conversation.sound.playback_process import (
     PlayThis,
     SetVolume,
 )
-from caris_desktop.conversation.sound.resampling import Resampler
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ANSWER, LinkChanged, UtteranceChanged
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.service import (
+    PANELS_FIRST_MS,
+    ContextService,
+    Follows,
+    Handlers,
+    ServiceContext,
+    SupervisedProcess,
+)
 from caris_desktop.live.services.microphone_service import MicrophoneService
 from caris_desktop.live.services.robot_service import RobotService
 from caris_desktop.live.services.speech_service import SpeechService
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -75,33 +80,26 @@ class PushToTalkVoice(QObject):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
+        context: ServiceContext,
         body: ProcessSpec,
         *,
         to_robot: Callable[[PlayOnRobot], bool],
         over: Callable[[str], None],
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context.parent)
+        self._state, self._bus, self._children = context.state, context.bus, context.children
         self._to_robot = to_robot
         self._over = over
-        self.playback = Playback(body, children, played=self._on_played, ended=self._on_played_out, parent=self)
+        self.playback = Playback(body, context, played=self._on_played, ended=self._on_played_out)
         self._utterance: UtteranceChanged | None = None
         self.outlets: frozenset[Outlet] = frozenset()
         self._rate_hz = 0
         self._resampler: Resampler | None = None
         self._sends_as = ""
         self._began = False
-        self._tail = QTimer(self, singleShot=True, interval=_TAIL_MS)
-        self._tail.timeout.connect(self._on_tail_over)
-        self._patience = QTimer(self, singleShot=True, interval=_PLAYED_WITHIN_MS)
-        self._patience.timeout.connect(lambda: self._finish(clock.now_ns()))
-        bus.tap(self._take, (AudioChunk,))
+        self._tail = new_timer(self, self._on_tail_over, _TAIL_MS, single_shot=True)
+        self._patience = new_timer(self, lambda: self._finish(clock.now_ns()), _PLAYED_WITHIN_MS, single_shot=True)
+        self._bus.tap(self._take, (AudioChunk,))
 
     @property
     def is_speaking(self) -> bool:
@@ -215,7 +213,7 @@ class PushToTalkVoice(QObject):
         self._over(detail)
 
 
-class SoundService(Service):
+class SoundService(ContextService):
     """Maintains ``state.sound``.
 
     During push-to-talk the robot's microphone is not played: the wizard would hear their own voice delayed, which makes
@@ -224,37 +222,28 @@ class SoundService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
+        context: ServiceContext,
         parts: SoundAdapters,
         *,
         microphones: MicrophoneService,
         robot: RobotService,
         speech: SpeechService,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._problem = bus.problem
+        super().__init__(context)
+        self._problem = self._bus.problem
         self._microphones = microphones
         self._speech = speech
         self._scenario: Scenario | None = None
         self._started = False
         self._hears = False
-        self._hearing = Playback(parts.hearing, children, ended=self._on_hearing_ended, parent=self)
-        self._voice = PushToTalkVoice(
-            state, bus, children, parts.own_voice, to_robot=robot.send_sound, over=self._on_voice_over, parent=self
-        )
-        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
-        self._soon.timeout.connect(self._get_ready)
-        self._open_for = QTimer(self, singleShot=True, interval=_OPEN_FOR_MS)
-        self._open_for.timeout.connect(microphones.close_wizards)
-        self._deaf = QTimer(self, singleShot=True, interval=_DEAF_FOR_MS)
-        self._deaf.timeout.connect(self._update_hearing)
-        bus.tap(self._take, (AudioChunk,))
-        state.wizard_microphone.changed.connect(self._on_microphone)
-        state.robot.changed.connect(self._get_ready)
+        self._hearing = Playback(parts.hearing, context, ended=self._on_hearing_ended)
+        self._voice = PushToTalkVoice(context, parts.own_voice, to_robot=robot.send_sound, over=self._on_voice_over)
+        self._soon = new_timer(self, self._get_ready, PANELS_FIRST_MS, single_shot=True)
+        self._open_for = new_timer(self, microphones.close_wizards, _OPEN_FOR_MS, single_shot=True)
+        self._deaf = new_timer(self, self._update_hearing, _DEAF_FOR_MS, single_shot=True)
+        self._bus.tap(self._take, (AudioChunk,))
+        self._state.wizard_microphone.changed.connect(self._on_microphone)
+        self._state.robot.changed.connect(self._get_ready)
 
     def handlers(self) -> Handlers:
         return {intents.PushToTalk: self._push_to_talk, intents.HearRobot: self._hear_robot}
@@ -262,12 +251,8 @@ class SoundService(Service):
     def follows(self) -> Follows:
         return {LinkChanged: self._on_link_changed}
 
-    def processes(self) -> dict[str, ChildProcess]:
-        playing = (self._hearing, self._voice.playback)
-        return {each.child.body.name: each.child for each in playing if each.child is not None}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {each.process_name: each.restarts for each in (self._hearing, self._voice.playback)}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return self._hearing.process, self._voice.playback.process
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -303,8 +288,8 @@ class SoundService(Service):
         self._deaf.stop()
 
     def end(self) -> None:
-        self._hearing.stop()
-        self._voice.playback.stop()
+        self._hearing.process.end()
+        self._voice.playback.process.end()
 
     # Push-to-talk
 
@@ -316,9 +301,9 @@ class SoundService(Service):
         if scenario is None or self._state.sound.value.talking:
             return
         if self._microphones.wizards_choice is None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("No microphone is selected for you."), tr("You cannot be heard."),
-                tr("Choose one in the Window menu."), severity="warning",
+                tr("Choose one in the Window menu."),
             )  # fmt: skip
         if intent.to == "robot":
             speech = self._state.speech.value
@@ -386,10 +371,9 @@ class SoundService(Service):
     def _hear_robot(self, intent: intents.HearRobot) -> None:
         scenario = self._scenario
         if intent.on and (scenario is None or not scenario.sound.hear):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
-                severity="warning",
             )  # fmt: skip
         self._show(volume=intent.volume)
         self._hearing.set_volume(intent.volume)
@@ -427,7 +411,7 @@ class SoundService(Service):
         )
 
     def _show(self, **changed: object) -> None:
-        self._state.sound.set(replace(self._state.sound.value, **changed))
+        self._state.sound.update(**changed)
 
 
 _STUCK_AFTER_MS = 5000
@@ -442,76 +426,59 @@ class Playback(QObject):
     def __init__(
         self,
         body: ProcessSpec,
-        children: ProcessManager,
+        context: ServiceContext,
         *,
         played: Callable[[PlaybackStarted], None] = lambda _played: None,
         ended: Callable[[str, int | None, str], None],
-        parent: QObject,
     ) -> None:
         """``played`` receives what is audible, in another thread. ``ended(stream_id, played_out_ns, detail)``: the
         stream has ended; ``played_out_ns`` is None for a failure, explained by ``detail``.
         """
-        super().__init__(parent)
+        super().__init__(context.parent)
         self._body = body
-        self._children = children
+        self._children = context.children
         self._played = played
         self._ended = ended
-        self.child: ChildProcess | None = None
         self._stream_id = ""
-        self.restarts = Restarts()
-        self._stuck = QTimer(self, singleShot=True, interval=_STUCK_AFTER_MS)
-        self._stuck.timeout.connect(self._on_stuck)
-
-    @property
-    def process_name(self) -> str:
-        return self._body.name
+        self.process = SupervisedProcess(
+            context.children, ended=self._on_ended, on_message=self.on_message, reads=self._read, name=body.name
+        )
+        self._stuck = new_timer(self, self._on_stuck, _STUCK_AFTER_MS, single_shot=True)
 
     def get_ready(self) -> None:
         """Start the process in advance, so that playback begins at once."""
-        if self.child is None and not self.restarts.exhausted:
-            self.child = self._children.start(
-                self._body, ended=self._on_ended, on_message=self.on_message, reads=self._read
-            )  # fmt: skip
+        if self.process.child is None and not self.process.restarts.exhausted:
+            self.process.start(self._body)
 
     def dismiss(self) -> None:
         """End the process: this scenario does not use it."""
-        child, self.child = self.child, None
-        if child is not None:
-            self._stuck.stop()
-            self._children.dismiss(child, grace_s=1.0)
+        self._stuck.stop()
+        self.process.dismiss()
 
     def begin(self, stream_id: str, *, volume: float = 1.0, most_s: float = 0.25) -> None:
         self.get_ready()
         self._stream_id = stream_id
-        if self.child is None:
+        if self.process.child is None:
             self._give_up(tr("it failed too often"))
         else:
-            self.child.send(BeginPlaying(stream_id, volume, most_s))
+            self.process.send(BeginPlaying(stream_id, volume, most_s))
 
     def play(self, chunk: AudioChunk) -> None:
         """Play the next chunk, or drop it. Any thread."""
-        child = self.child
-        if child is not None:
-            child.send(PlayThis(chunk.sample_rate_hz, chunk.samples))
+        self.process.send(PlayThis(chunk.sample_rate_hz, chunk.samples))
 
     def set_volume(self, volume: float) -> None:
-        if self.child is not None:
-            self.child.send(SetVolume(volume))
+        self.process.send(SetVolume(volume))
 
     def end(self, *, at_once: bool = False) -> None:
         """End the stream; ``ended`` follows once everything was played."""
-        if self._stream_id and self.child is not None:
+        if self._stream_id and self.process.child is not None:
             self._stuck.start()
-            self.child.send(EndPlaying(at_once))
+            self.process.send(EndPlaying(at_once))
 
     def ask_to_end(self) -> None:
         self._stuck.stop()
-        if self.child is not None:
-            self.child.ask_to_end()
-
-    def stop(self) -> None:
-        if self.child is not None:
-            self.child.stop(grace_s=1.0)
+        self.process.ask_to_end()
 
     def _read(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, PlaybackStarted):
@@ -538,12 +505,9 @@ class Playback(QObject):
             self._ended(stream_id, None, detail)
 
     def _on_stuck(self) -> None:
-        if self.child is not None and self._stream_id:
-            self.child.kill()
+        if self._stream_id:
+            self.process.kill()
 
-    def _on_ended(self, child: ChildProcess) -> None:
-        if child is not self.child:
-            return
-        self.child = None
-        self.restarts.another()  # restarted at the next playback; reported by the owner of the stream
+    def _on_ended(self) -> None:
+        self.process.restarts.another()  # restarted at the next playback; reported by the owner of the stream
         self._give_up(tr("the sound system stopped responding"))

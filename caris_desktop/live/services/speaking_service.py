@@ -5,8 +5,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QObject
-
 from caris_desktop.conversation.spoken_text import NAME, PLACE, Words, fill_placeholders, missing
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD, Actor
@@ -16,12 +14,9 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.addressee import addressee
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.speech_history import SpeechHistory
-from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.speech_queue import SpeechQueue, addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import OpenGap
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
@@ -76,23 +71,14 @@ def current_place(state: LiveState) -> str:
     return nearest if distance_m <= _AT_PLACE_M else ""
 
 
-class SpeakingService(Service):
+class SpeakingService(ContextService):
     """Front end of the queue: no placeholder is spoken, and no name is recorded."""
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        queue: SpeechQueue,
-        history_path: Path,
-        slow_work: BackgroundWorker,
-        *,
-        do: Callable[[Intent], str],
-        parent: QObject,
+        self, context: ServiceContext, queue: SpeechQueue, history_path: Path, *, do: Callable[[Intent], str]
     ) -> None:
         """``do`` sends the gesture of an utterance to the console, through the gate."""
-        super().__init__(parent)
-        self._state = state
+        super().__init__(context)
         self._queue = queue
         self._do = do
         self._naming = False
@@ -101,8 +87,8 @@ class SpeakingService(Service):
         self._gestures: dict[str, UtteranceChanged] = {}
         self._faces: dict[str, str] = {}
         self._phrases: tuple[PhraseEntry, ...] = ()
-        bus.tap(queue.on_played, (PlayedSound,))
-        self._speech_history = SpeechHistory(state, history_path, slow_work, self._names)
+        self._bus.tap(queue.on_played, (PlayedSound,))
+        self._speech_history = SpeechHistory(self._state, history_path, self._slow_work, self._names)
 
     def handlers(self) -> Handlers:
         return {

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
@@ -22,18 +20,25 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import ANSWER, LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager, localize_problem
-from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.service import (
+    PANELS_FIRST_MS,
+    ContextService,
+    Follows,
+    Handlers,
+    ServiceContext,
+    SupervisedProcess,
+    localize_problem,
+)
 from caris_desktop.live.speech_queue import NO_VOICE, SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import VoiceStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -67,26 +72,20 @@ class LinkVoice:
         return self._robot.send(Silence(clock.now_ns(), actor))
 
 
-class SpeechService(Service):
+class SpeechService(ContextService):
     """Runs this computer's voice, and the queue in front of both."""
 
-    def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
-        body: ProcessSpec,
-        *,
-        robot: RobotPort,
-        parent: QObject,
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+    def __init__(self, context: ServiceContext, body: ProcessSpec, *, robot: RobotPort) -> None:
+        super().__init__(context)
         self._body = body
-        self._child: ChildProcess | None = None
-        self._restarts = Restarts()
+        self._process = SupervisedProcess(
+            self._children,
+            ended=self._on_ended,
+            on_message=self.on_heard,
+            reads=self._read_own,
+            grace_s=1.5,
+            name=body.name,
+        )
         self._output: VoiceKind = "computer"
         self._settings = SynthesisSettings()
         self._mute_robot = ""
@@ -95,15 +94,14 @@ class SpeechService(Service):
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
         self._prepared: tuple[str, ...] = ()
-        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(state, robot), "computer": _Computer(self)}
+        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(self._state, robot), "computer": _Computer(self)}
         self._permitted = True
         self._started = self._stopped = False
-        self._both = voices["both"] = DualSpeechOutput(dict(voices), self._report_both)
-        self.queue = SpeechQueue(state, voices, bus.publish, self)
-        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
-        self._soon.timeout.connect(self._prepare)
-        state.speech.changed.connect(self._on_speech_changed)
-        state.robot.changed.connect(self._on_robot_changed)
+        self.queue = SpeechQueue(self._state, voices, self._bus.publish, self)
+        self._both = voices["both"] = DualSpeechOutput(dict(voices), self.queue.report)
+        self._soon = new_timer(self, self._prepare, PANELS_FIRST_MS, single_shot=True)
+        self._state.speech.changed.connect(self._prepare)
+        self._state.robot.changed.connect(self._on_robot_changed)
 
     def handlers(self) -> Handlers:
         return {intents.SetVoice: self._set_voice, intents.DraftSpeech: self._draft}
@@ -115,11 +113,8 @@ class SpeechService(Service):
             SuggestionChanged: self._on_suggestion,
         }
 
-    def processes(self) -> dict[str, ChildProcess]:
-        return {} if self._child is None else {self._body.name: self._child}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {self._body.name: self._restarts}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return (self._process,)
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._phrases = (*scenario.every_filler, *sentences(scenario.phrases))
@@ -141,12 +136,10 @@ class SpeechService(Service):
         self._begin()
 
     def _begin(self) -> None:
-        if not self._permitted or self._child is not None or not self._started or self._stopped:
+        if not self._permitted or self._process.child is not None or not self._started or self._stopped:
             return
-        self._child = self._children.start(
-            self._body, ended=self._on_ended, on_message=self.on_heard, reads=self._read_own
-        )
-        self._child.send(UseVoice(self._settings))
+        self._process.start(self._body)
+        self.send(UseVoice(self._settings))
         self._prepared = ()
         self._prepare()
 
@@ -155,36 +148,32 @@ class SpeechService(Service):
         speech = self._state.speech.value
         if speech.now is not None or speech.waiting:
             self.queue.silence(CONSOLE)
-        child, self._child = self._child, None
-        if child is None:
+        if not self._process.dismiss():
             return
-        self._children.dismiss(child, grace_s=1.5)
-        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+        self._state.speech.update(ready=False, detail="")
         self._on_voice_lost("computer", QT_TR_NOOP("the scenario was changed"))
 
     def stop(self) -> None:
         self._stopped = True
         self._soon.stop()
-        if self._child is not None:
-            self._child.ask_to_end()
+        self._process.ask_to_end()
 
     def end(self) -> None:
-        if self._child is not None:
-            self._child.stop(grace_s=1.5)
+        self._process.end()
 
     def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
         """Send to this computer's voice without waiting; False if impossible."""
-        return self._child is not None and self._child.send(message)
+        return self._process.send(message)
 
     def on_heard(self, message: Any) -> None:
         """Handle a status message of this computer's voice."""
         match message:
             case SynthesisReady():
                 detail = "" if message.audible else QT_TR_NOOP("no sound device: speech cannot be heard")
-                self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
-                self._state.voice.set(replace(self._state.voice.value, used=message.voice))
+                self._state.speech.update(ready=True, detail=detail)
+                self._state.voice.update(used=message.voice)
             case VoicesFound(voices):
-                self._state.voice.set(replace(self._state.voice.value, choices=voices))
+                self._state.voice.update(choices=voices)
             case SynthesisFailed(problem) | (Problem() as problem):
                 # The voice itself reports which utterances failed; one sent meanwhile it still tries to speak.
                 self._notify(localize_problem(problem))
@@ -207,7 +196,7 @@ class SpeechService(Service):
         used = self._state.voice.value.used
         if not self._settings.tunes(before):
             used = ""
-            self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+            self._state.speech.update(ready=False, detail="")
         self.send(UseVoice(self._settings, actor))
         self.queue.use_voice(output)
         self._state.voice.set(
@@ -228,11 +217,10 @@ class SpeechService(Service):
             return self._output
         if self._permitted and self._mute_robot != robot.title:
             self._mute_robot = robot.title
-            self._bus.problem(
-                "info", tr("{robot} has no voice.").format(robot=robot.title),
+            self._bus.inform(
+                tr("{robot} has no voice.").format(robot=robot.title),
                 tr("This computer speaks instead: participants hear the speech from here."),
                 tr("Put a loudspeaker near the robot, or configure its speech in its profile (Window menu, Robot)."),
-                cause=ANSWER,
             )  # fmt: skip
         return "computer"
 
@@ -250,9 +238,10 @@ class SpeechService(Service):
             self._report_failed(event, begun=event.utterance_id == self._begun)
 
     def _report_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
+        shortened = textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", event.text), 60, placeholder="…")  # names are ids in it
         what = tr("“{text}” may have been cut off.") if begun else tr("“{text}” was not said.")
         reason = tr("Speech output failed: {reason}.") if event.detail else tr("Speech output failed.")
-        what, reason = what.format(text=_without_ids(event.text)), reason.format(reason=tr(event.detail))
+        what, reason = what.format(text=shortened), reason.format(reason=tr(event.detail))
         advice = tr("Say it again, or choose another voice in the title of Speak.")
         self._bus.publish(Problem(clock.now_ns(), "warning", what, reason, advice, until="utterance"))
 
@@ -263,10 +252,7 @@ class SpeechService(Service):
             self._suggested.pop(event.suggestion_id, None)
         self._prepare()
 
-    def _on_speech_changed(self, _: object) -> None:
-        self._prepare()
-
-    def _prepare(self) -> None:
+    def _prepare(self, _changed: object = None) -> None:
         """Prepare likely next utterances, most likely first. Texts with a name are only known when spoken."""
         if self._soon.isActive():
             return
@@ -278,9 +264,6 @@ class SpeechService(Service):
     def _draft(self, intent: intents.DraftSpeech) -> None:
         if self._settings.at_hand and "{" not in intent.text:
             self.send(Draft(intent.text))
-
-    def _report_both(self, change: UtteranceChanged) -> None:  # any thread
-        self.queue.report(change)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
@@ -311,12 +294,9 @@ class SpeechService(Service):
             self._on_voice_lost("robot", QT_TR_NOOP("the connection was lost"))
         self.queue.on_voice_changed()
 
-    def _on_ended(self, child: ChildProcess) -> None:
-        if child is not self._child:
-            return  # replaced while its exit was being reported
-        self._child = None
-        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=QT_TR_NOOP("the voice stopped")))
-        self._restarts.after_end(self._report_ended, self._begin)
+    def _on_ended(self) -> None:
+        self._state.speech.update(ready=False, detail=QT_TR_NOOP("the voice stopped"))
+        self._process.restarts.after_end(self._report_ended, self._begin)
         self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
 
     def _report_ended(self, advice: str) -> None:
@@ -336,11 +316,6 @@ class SpeechService(Service):
         if now is not None:
             self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
         self.queue.on_voice_lost(kind, detail)
-
-
-def _without_ids(text: str) -> str:
-    """Shortened text; names are ids in it."""
-    return textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", text), 60, placeholder="…")
 
 
 class _Computer:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, get_args
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QTimer
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.suggestions import prompt, proposable_actions
@@ -31,19 +31,17 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceCorrected,
 )
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.model_client import Asking, ModelClient
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.assistant_service import describe_person
 from caris_desktop.live.services.speaking_service import current_place
-from caris_desktop.live.speech_queue import SpeechQueue
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.speech_queue import SpeechQueue, addressee
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, ProposalStatus, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import AssistantPeople, Scenario, levels_up_to
@@ -54,22 +52,18 @@ from caris_desktop.scenario.scenario_model import AssistantPeople, Scenario, lev
 _TEMPERATURE = 0.0
 
 
-class ProposalsService(Service):
+class ProposalsService(ContextService):
     """Maintains ``state.proposal``. ``do`` sends intents to the console, as a key does."""
 
-    def __init__(
-        self, state: LiveState, bus: Bus, model: ModelClient, *, do: Callable[[Intent], str], parent: QObject
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
+    def __init__(self, context: ServiceContext, model: ModelClient, *, do: Callable[[Intent], str]) -> None:
+        super().__init__(context)
         self._model = model
         self._do = do
         self._scenario: Scenario | None = None
         self._asking: Asking | None = None
-        self._proposals = Proposals(bus.publish, lambda: f"a-{secrets.token_hex(4)}")
-        self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._on_time)
-        state.levels.changed.connect(self._on_levels_changed)
+        self._proposals = Proposals(self._bus.publish, lambda: f"a-{secrets.token_hex(4)}")
+        self._timer = new_timer(self, self._on_time, single_shot=True, precise=True)
+        self._state.levels.changed.connect(self._on_levels_changed)
 
     def handlers(self) -> Handlers:
         return {intents.ConfirmProposal: self._confirm, intents.VetoProposal: self._veto}
@@ -212,23 +206,19 @@ class _Request(Value):
     status: SuggestionsStatus
 
 
-class SuggestionsService(Service):
+class SuggestionsService(ContextService):
     """Maintains ``state.suggestions`` and ``state.levels``, and says fillers when a reply is late."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
+        context: ServiceContext,
         model: ModelClient,
         *,
         speech: SpeechQueue,
         proposals: ProposalsService,
         scenario: Scenario,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._model = model
         self._speech = speech
         self._proposals = proposals
@@ -242,11 +232,10 @@ class SuggestionsService(Service):
         self._read, self._written = 0, ""
         self._read_ahead_of = ""
         self._detail = ""
-        self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._on_time)
+        self._timer = new_timer(self, self._on_time, single_shot=True, precise=True)
         model.model_changed.connect(self._on_model_changed)
         for source in PARTICIPANT_SOURCES:
-            state.hearing_of(source).changed.connect(self._on_hearing)
+            self._state.hearing_of(source).changed.connect(self._on_hearing)
 
     def handlers(self) -> Handlers:
         return {
@@ -289,7 +278,8 @@ class SuggestionsService(Service):
             self._rounds.add(hearing)
             if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
                 self._read_ahead_of = hearing.utterance_id
-                self._read_ahead()
+                if self._model.embedded:  # it preloads the conversation while the participant speaks
+                    self._model.warm_up(self._earlier_messages(), "replies")
         self._show()
 
     def _on_utterance(self, utterance: UtteranceChanged) -> None:
@@ -350,11 +340,6 @@ class SuggestionsService(Service):
             )
         except UserFacingError as failure:
             self._detail = failure.advice or failure.what
-
-    def _read_ahead(self) -> None:
-        """Let the embedded model preload the conversation while the participant speaks."""
-        if self._listens and self._model.embedded:
-            self._model.warm_up(self._earlier_messages(), "replies")
 
     def _on_model_changed(self) -> None:
         if self._model.embedded:
@@ -507,9 +492,9 @@ class SuggestionsService(Service):
         try:
             spoken = person_marks.with_names(recorded, names.__getitem__)
         except KeyError:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The name in that suggestion is no longer known."), tr("Nothing was said."),
-                tr("Use another suggestion, or type what to say."), severity="warning",
+                tr("Use another suggestion, or type what to say."),
             ) from None  # fmt: skip
         utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=recorded)
         self._rounds.accept(card, recorded, utterance_id, actor, clock.now_ns())
@@ -526,13 +511,13 @@ class SuggestionsService(Service):
     def _set_level(self, intent: intents.SetLevel) -> None:
         highest = self._scenario.highest_level(intent.function)
         if intent.level not in levels_up_to(highest):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow a level above “{highest}” for {function}.").format(
-                    highest=highest, function=intent.function
+                highest=highest, function=intent.function
                 ),
                 tr(
-                    "The level is "
-                    "unchanged."), tr("Change the highest level under assistance in the scenario."), severity="warning",
+                "The level is "
+                "unchanged."), tr("Change the highest level under assistance in the scenario."),
             )  # fmt: skip
         self._use_level(intent.function, intent.level, intent.actor)
 

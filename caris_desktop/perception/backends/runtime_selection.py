@@ -24,18 +24,82 @@ from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.model_files import WrongChecksum, check_file
+from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file
 from caris_desktop.domain.plugins import PluginCall, find
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.perception.backends import openvino
-from caris_desktop.perception.backends.load_detector import check_weights, open_detector
-from caris_desktop.perception.backends.network import NetworkDetector
+from caris_desktop.perception.backends.network import NetworkDetector, UnknownFormError
+from caris_desktop.perception.backends.runtimes import OpenvinoNetwork, open_network, openvino_installed
+from caris_desktop.perception.backends.ultralytics_runtime import prepare_runtimes
 from caris_desktop.perception.detector import Detections, Detector, person_classes
 from caris_desktop.perception.inference_messages import DetectorSettings, Device
 from caris_desktop.perception.weights import Weights, WeightsError, find_weights
 
 log = logging.getLogger(__name__)
+
+
+def check_weights(weights: Weights) -> str:
+    """SHA-256 of the file, empty for a folder. Raises WeightsError for a wrong checksum."""
+    try:
+        return "" if weights.path.is_dir() else check_file(weights.path)
+    except WrongChecksum as error:
+        raise WeightsError(str(error), searched=(str(weights.path),), advice=GET_WEIGHTS_ANEW) from error
+    except OSError as error:
+        raise _unreadable(weights) from error
+
+
+def open_detector(weights: Weights, *, confidence: float, threads: int, device: Device = "auto") -> Detector:
+    """Load and warm up a detector; takes seconds. ``confidence`` is its threshold.
+
+    Raises
+    ------
+    WeightsError
+        When the file cannot be loaded.
+    """
+    check_weights(weights)
+    prepare_runtimes(threads=threads)
+    network = None
+    try:
+        network = open_network(weights, threads=threads, device=device)
+        if network is not None:
+            return NetworkDetector(network, weights, confidence=confidence)
+    except UnknownFormError as error:
+        if network is None or not network.facts.class_names:
+            raise WeightsError(
+                localized(
+                    QT_TR_NOOP("The file {name} is not a supported detector: {error}"),
+                    name=weights.path.name,
+                    error=error,
+                ),
+                searched=(str(weights.path),),
+                advice=QT_TR_NOOP("Choose a YOLO detector exported by ultralytics, or a YOLOX detector"),
+            ) from error
+        # Ultralytics exported it, so it can read it.
+        log.info("%s is left to ultralytics: %s", weights.path, error)
+    except WeightsError:
+        raise
+    except Exception as error:  # onnxruntime, LiteRT and OpenVINO raise types of their own for a bad file
+        raise _unreadable(weights) from error
+    return _by_ultralytics(weights, confidence=confidence, threads=threads, device=device)
+
+
+def _by_ultralytics(weights: Weights, *, confidence: float, threads: int, device: Device) -> Detector:
+    try:
+        from caris_desktop.perception.backends.ultralytics_runtime import UltralyticsDetector
+
+        return UltralyticsDetector(weights, confidence=confidence, threads=threads, device=device)
+    except Exception as error:
+        raise _unreadable(weights) from error
+
+
+def _unreadable(weights: Weights) -> WeightsError:
+    log.exception("could not load %s", weights.path)
+    return WeightsError(
+        localized(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
+        searched=(str(weights.path),),
+        advice=QT_TR_NOOP("Replace the file with an intact YOLO detector; see the log for details"),
+    )
+
 
 _REPEATS = 6
 _PREFERRED = ("onnxruntime", "OpenVINO", "torch")
@@ -80,7 +144,7 @@ def open_fastest(
     replace ultralytics' photos.
     """
     suffix = weights.path.suffix.lower()
-    if suffix != ".pt" and not (suffix == ".onnx" and openvino.is_installed()):
+    if suffix != ".pt" and not (suffix == ".onnx" and openvino_installed()):
         return open_detector(weights, confidence=confidence, threads=threads, device=device)
     folder = cache_dir or _user_cache_dir()
     export = folder / f"{check_weights(weights)[:24]}-{__version__}.onnx"
@@ -108,11 +172,11 @@ def _openers(
         return open_detector(at, confidence=confidence, threads=threads, device=device)
 
     def by_openvino(path: Path) -> Detector:
-        return NetworkDetector(openvino.OpenvinoNetwork(path, threads=threads), weights, confidence=confidence)
+        return NetworkDetector(OpenvinoNetwork(path, threads=threads), weights, confidence=confidence)
 
     def exported() -> Path:
         if not _is_whole(export):
-            from caris_desktop.perception.backends.onnx_export import ModelExportError, export_onnx
+            from caris_desktop.perception.backends.ultralytics_runtime import ModelExportError, export_onnx
 
             try:
                 export_onnx(weights, export, threads=threads)
@@ -123,7 +187,7 @@ def _openers(
     suffix = weights.path.suffix.lower()
     if suffix == ".pt":
         openers = {"torch": lambda: opened(weights.path), "onnxruntime": lambda: opened(exported())}
-        if openvino.is_installed():
+        if openvino_installed():
             openers["OpenVINO"] = lambda: by_openvino(exported())
         return openers
     return {"onnxruntime": lambda: opened(weights.path), "OpenVINO": lambda: by_openvino(weights.path)}
@@ -307,13 +371,13 @@ def open_chosen(
         )
     source = settings.model.source if own is None else str(own)
     if source.startswith("plugin:") and (own is not None or not settings.server):
-        from caris_desktop.perception.detector_plugins import WatchedDetector
+        from caris_desktop.perception.detector import WatchedDetector
 
         plugin = find("detectors", source.removeprefix("plugin:"))
         watched = WatchedDetector(plugin, confidence=confidence, threads=threads, notify=notify)
         return Chosen(watched, watched.people, None)
     if settings.server:
-        from caris_desktop.perception.backends.remote import RemoteDetector
+        from caris_desktop.perception.backends.remote_detector import RemoteDetector
 
         remote = RemoteDetector(settings.server, confidence=confidence)
         if not remote.people:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.picture_checks import PictureError, fitted
+from caris_desktop.domain.plugins import find, load
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
@@ -27,7 +28,6 @@ from caris_desktop.perception.cameras.camera_source import (
     ChosenCamera,
     Picture,
 )
-from caris_desktop.perception.cameras.open_camera import open_camera
 
 log = logging.getLogger(__name__)
 
@@ -217,3 +217,31 @@ def _coarse(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
     """Subsampled depth image, ``_DEPTH_COLUMNS`` wide: enough for people, and small to send."""
     step = max(1, depth_mm.shape[1] // _DEPTH_COLUMNS)
     return np.ascontiguousarray(depth_mm[step // 2 :: step, step // 2 :: step])
+
+
+def open_camera(chosen: ChosenCamera) -> CameraSource:
+    """Open a camera; may take some seconds. Raises CameraError."""
+    if chosen.kind == "plugin":
+        from caris_desktop.perception.cameras.plugin_camera import PluginCamera
+
+        return PluginCamera(chosen)
+    if chosen.kind == "robot":
+        raise CameraError(
+            localized(QT_TR_NOOP("Cameras of the kind {kind} cannot be opened here."), kind=chosen.kind),
+            QT_TR_NOOP("Choose it in the console, with --camera."),
+        )
+    camera: CameraSource = load(find("cameras", chosen.kind))(chosen)
+    return camera
+
+
+def open_http(chosen: ChosenCamera) -> CameraSource:
+    """Open an HTTP camera, of whatever it sends. Raises CameraError."""
+    from caris_desktop.perception.cameras.http_camera import HttpCamera, NotMultipartError
+
+    try:
+        return HttpCamera(chosen)
+    except NotMultipartError:
+        # A video over HTTP, or another authentication.
+        from caris_desktop.perception.cameras.stream_camera import StreamCamera
+
+        return StreamCamera(chosen)

@@ -18,15 +18,233 @@ import ssl
 import time
 import urllib.parse
 from collections import deque
+from collections.abc import Callable, Coroutine
 from dataclasses import field
-from typing import Any, cast
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited
-from caris_desktop.domain.value_class import Value
-from caris_desktop.perception.cameras.newest_frame import NewestFrame
-from caris_desktop.perception.cameras.served_sound import ServedSound
+from caris_desktop.domain.picture_checks import PictureError, fitted, jpeg_of
+from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, ChosenCamera
+
+_JPEG_QUALITY = 80
+_RETRY_AFTER_S = (1.0, 2.0, 5.0)
+_log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+
+@dataclass(slots=True, eq=False)
+class Frame:
+    """Frame as uint8 BGR. ``captured_ns`` is this computer's monotonic clock."""
+
+    image_bgr: NDArray[np.uint8]
+    captured_ns: int
+    sequence: int
+    _jpeg: "asyncio.Task[bytes] | None" = field(default=None, init=False)
+
+    async def jpeg(self) -> bytes:
+        """JPEG, encoded once for all clients."""
+        if self._jpeg is None:
+            self._jpeg = asyncio.create_task(asyncio.to_thread(jpeg_of, self.image_bgr, quality=_JPEG_QUALITY))
+        return await asyncio.shield(self._jpeg)
+
+
+class NewestFrame:
+    """Reads a camera while ``run`` runs, and reconnects."""
+
+    def __init__(self, chosen: ChosenCamera, open_one: Callable[[ChosenCamera], CameraSource]) -> None:
+        self._chosen = chosen
+        self._open = open_one
+        self._frame: Frame | None = None
+        self._came = asyncio.Event()
+        self.state = "connecting"
+        self.detail = ""
+
+    @property
+    def sequence(self) -> int:
+        """Number of images so far."""
+        return 0 if self._frame is None else self._frame.sequence
+
+    async def after(self, sequence: int) -> Frame:
+        """Wait for a frame newer than ``sequence``."""
+        while self._frame is None or self._frame.sequence <= sequence:
+            await self._came.wait()
+        return self._frame
+
+    async def run(self) -> None:
+        """Read until cancelled. A file is looped at its own rate."""
+        failures = 0
+        while True:
+            camera: CameraSource | None = None
+            try:
+                camera = await _finished(asyncio.to_thread(self._open, self._chosen))
+                await self._read(camera)
+                failures = 0
+            except CameraError as error:
+                if (self.state, self.detail) != ("lost", str(error)):
+                    _log.warning("%s %s", error, error.advice)
+                self.state, self.detail = "lost", str(error)
+                await asyncio.sleep(_RETRY_AFTER_S[min(failures, len(_RETRY_AFTER_S) - 1)])
+                failures += 1
+            finally:
+                if camera is not None:
+                    camera.close()
+
+    async def _read(self, camera: CameraSource) -> None:
+        """Read until a recorded video ends. Raises CameraError."""
+        began_ns = clock.now_ns()
+        while True:
+            try:
+                picture = await _finished(asyncio.to_thread(camera.read))
+                if picture is None:
+                    return
+                image_bgr = fitted(picture.image)
+            except PictureError as error:
+                _log.info("a picture %s", error)
+                continue
+            now_ns = clock.now_ns()
+            if picture.due_s is not None:
+                await asyncio.sleep(max(0.0, picture.due_s - (now_ns - began_ns) / 1e9))
+                now_ns = clock.now_ns()
+            if self.state != "connected":
+                _log.warning("%s delivers.", self._chosen.name)
+                self.state, self.detail = "connected", ""
+            captured_ns = now_ns if picture.taken_ns is None else picture.taken_ns
+            self._frame = Frame(image_bgr, captured_ns, self.sequence + 1)
+            self._came.set()
+            self._came = asyncio.Event()
+
+
+async def _finished(work: Coroutine[Any, Any, T]) -> T:
+    """Await a thread's result even when cancelled: a camera must not be closed while it is read."""
+    task = asyncio.ensure_future(work)
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait([task])
+        raise
+
+
+RATE_HZ = 48_000
+PIECE = 960
+"""Samples of one packet, 20 ms."""
+_MOST_PIECES = 10
+Take = Callable[[NDArray[np.int16]], None]
+
+
+class LocalSound:
+    """Audio input of this computer, by a part of its name; empty: the system default.
+
+    It delivers chunks of ``PIECE`` samples of one channel, shape (PIECE,), at ``RATE_HZ``, in any thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name or None
+        self._stream: Any = None
+
+    def begin(self, take: Take) -> None:
+        """Start. Raises OSError without audio input."""
+        try:
+            import sounddevice
+
+            self._stream = sounddevice.InputStream(
+                samplerate=RATE_HZ, channels=1, dtype="int16", device=self._name, blocksize=PIECE,
+                callback=lambda samples, _frames, _times, _status: take(samples[:, 0].copy()),
+            )  # fmt: skip
+            self._stream.start()
+        except Exception as error:
+            # PortAudio raises its own types, and ValueError for a missing device.
+            raise OSError(" ".join(str(error).split()) or type(error).__name__) from error
+
+    def end(self) -> None:
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with contextlib.suppress(Exception):
+                stream.abort()
+                stream.close()
+
+
+class ServedSound:
+    """One source for all clients, open only while there is one. In one event loop."""
+
+    def __init__(self, source: LocalSound) -> None:
+        self._source = source
+        self._listeners: set[_Listener] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def track(self) -> Any:
+        """Audio track for one client. Raises OSError without audio input."""
+        self._loop = asyncio.get_running_loop()
+        if not self._listeners:
+            self._source.begin(self._take)
+        listener = _Listener()
+        self._listeners.add(listener)
+        return _audio_track(listener, lambda: self._leave(listener))
+
+    def _leave(self, listener: "_Listener") -> None:
+        if listener in self._listeners:
+            self._listeners.discard(listener)
+            if not self._listeners:
+                self._source.end()
+
+    def _take(self, samples: NDArray[np.int16]) -> None:  # the source's thread
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the event loop has ended
+                self._loop.call_soon_threadsafe(self._give, samples)
+
+    def _give(self, samples: NDArray[np.int16]) -> None:
+        for listener in self._listeners:
+            listener.add(samples)
+
+
+class _Listener:
+    """Numbered chunks for one client; the oldest are dropped if it is slow."""
+
+    def __init__(self) -> None:
+        self._number = 0
+        self._pieces: deque[tuple[int, NDArray[np.int16]]] = deque(maxlen=_MOST_PIECES)
+        self._came = asyncio.Event()
+
+    def add(self, samples: NDArray[np.int16]) -> None:
+        self._pieces.append((self._number, samples))
+        self._number += 1
+        self._came.set()
+
+    async def next(self) -> tuple[int, NDArray[np.int16]]:
+        while not self._pieces:
+            self._came.clear()
+            await self._came.wait()
+        return self._pieces.popleft()
+
+
+def _audio_track(listener: _Listener, ended: Callable[[], None]) -> Any:
+    import aiortc
+    import av
+
+    class MicrophoneTrack(aiortc.MediaStreamTrack):  # type: ignore[misc]
+        """Audio track; dropped chunks leave gaps in the frame times."""
+
+        kind = "audio"
+
+        async def recv(self) -> Any:
+            number, samples = await listener.next()
+            frame = av.AudioFrame.from_ndarray(samples[None, :], format="s16", layout="mono")
+            frame.sample_rate = RATE_HZ
+            frame.pts = number * PIECE
+            frame.time_base = fractions.Fraction(1, RATE_HZ)
+            return frame
+
+        def stop(self) -> None:
+            super().stop()
+            ended()
+
+    return MicrophoneTrack()
+
 
 MOST_CLIENTS = 16
 _LONGEST_HEAD_BYTES = 16_384
@@ -148,9 +366,6 @@ def _track(frames: NewestFrame, stamps: deque[int]) -> Any:
             return video
 
     return CameraTrack()
-
-
-_log = logging.getLogger(__name__)
 
 
 class _Request(Value):

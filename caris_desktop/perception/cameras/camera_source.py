@@ -46,6 +46,14 @@ def cannot_be_reached(name: str) -> CameraError:
     )
 
 
+def stopped_sending(name: str) -> CameraError:
+    """Error for a network camera that was connected."""
+    return CameraError(
+        localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=name),
+        QT_TR_NOOP("Check the camera and its network connection."),
+    )
+
+
 class Picture(Value, eq=False):
     """One frame as the camera delivers it: grey, BGR or BGRA, of 8 or 16 bits.
 
@@ -71,7 +79,7 @@ def picture_of(image: NDArray[Any], *, device_ns: int, depth_mm: NDArray[np.uint
 
 class CameraSource(Protocol):
     """Open camera. For one thread. Another kind of camera of the program needs a class like this that takes the
-    ChosenCamera, a keyword in ``chosen_camera.py`` and an entry point of the group ``caris_desktop.cameras``.
+    ChosenCamera, a keyword in this module and an entry point of the group ``caris_desktop.cameras``.
     """
 
     width_px: int

@@ -1,15 +1,201 @@
-"""MJPEG camera: JPEG images over HTTP (multipart), from network cameras and our camera server."""
+"""HTTP cameras: authenticated requests, MJPEG images (multipart), and the clock of our camera server."""
 
+import base64
+import contextlib
 import http.client
+import logging
 import re
 import select
+import ssl
+import urllib.parse
+from collections import deque
+from collections.abc import Callable, Mapping
 
 from caris_desktop.domain import clock
+from caris_desktop.domain.address import is_encrypted_or_local
+from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
 from caris_desktop.domain.picture_checks import decode_compressed, picture_size
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, Picture
-from caris_desktop.perception.cameras.http_request import CameraConnection
-from caris_desktop.perception.cameras.remote_clock import ServedClock
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
+from caris_desktop.perception.cameras.camera_source import (
+    OPEN_TIMEOUT_S,
+    SILENCE_S,
+    CameraError,
+    ChosenCamera,
+    Picture,
+    camera_token,
+    cannot_be_reached,
+    stopped_sending,
+)
+
+_LONGEST_ANSWER_BYTES = 1_000_000
+
+
+class CameraConnection(contextlib.AbstractContextManager["CameraConnection"]):
+    """Connection to a camera's host for sequential requests. Use as a context, or close it."""
+
+    def __init__(self, chosen: ChosenCamera) -> None:
+        """Raises CameraError if the token is missing or would be sent unencrypted, or the certificate is another."""
+        self._chosen = chosen
+        self._parts = urllib.parse.urlsplit(chosen.target)
+        self._head = _authorization(chosen, self._parts)
+        host, port = self._parts.hostname or "", self._parts.port
+        if self._parts.scheme == "https":
+            self._connection: http.client.HTTPConnection = http.client.HTTPSConnection(
+                host, port, timeout=OPEN_TIMEOUT_S, context=self._trusted(host, port or 443)
+            )
+        else:
+            self._connection = http.client.HTTPConnection(host, port, timeout=OPEN_TIMEOUT_S)
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._connection.close()
+
+    def request(
+        self, method: str, path: str = "", body: bytes | None = None, head: Mapping[str, str] | None = None
+    ) -> http.client.HTTPResponse:
+        """Send a request; return the response after its headers. ``path`` defaults to the camera's.
+        Raises CameraError.
+        """
+        own_path = (self._parts.path or "/") + (f"?{self._parts.query}" if self._parts.query else "")
+        try:
+            self._connection.request(method, path or own_path, body, {**self._head, **(head or {})})
+            self._connection.sock.settimeout(SILENCE_S)
+            return self._connection.getresponse()
+        except (OSError, http.client.HTTPException) as error:
+            self.close()
+            raise self._not_reached(error) from error
+
+    def _trusted(self, host: str, port: int) -> ssl.SSLContext:
+        try:
+            return trusted_context(self._chosen.certificate_sha256, host, port)
+        except OSError as error:
+            raise self._not_reached(error) from error
+
+    def _not_reached(self, error: Exception) -> CameraError:
+        name = self._chosen.name
+        if isinstance(error, OtherCertificateError):
+            other = QT_TR_NOOP("The certificate of the camera at {name} does not match the fingerprint in its address.")
+            return CameraError(
+                localized(other, name=name),
+                QT_TR_NOOP(
+                    "Find out why on the camera's computer. Do not use the camera until then: the connection may "
+                    "be intercepted."
+                ),
+            )
+        if isinstance(error, ssl.SSLError):
+            reason, advice, fingerprint = refusal_of(error, self._parts.hostname or "", self._parts.port or 443)
+            if fingerprint:
+                confirm = QT_TR_NOOP(
+                    "If this is the right certificate, append its SHA-256 fingerprint to the address: "
+                    "#certificate-sha256={fingerprint}"
+                )
+                advice = (*advice, localized(confirm, fingerprint=fingerprint))
+            return CameraError(joined(reason), joined(advice))
+        return cannot_be_reached(name)
+
+    def ask(
+        self, method: str, path: str = "", body: bytes | None = None, head: Mapping[str, str] | None = None
+    ) -> tuple[http.client.HTTPResponse, bytes]:
+        """Send a request; return the response and its body. Raises CameraError."""
+        response = self.request(method, path, body, head)
+        try:
+            return response, response.read(_LONGEST_ANSWER_BYTES)
+        except (OSError, http.client.HTTPException) as error:
+            self.close()
+            raise cannot_be_reached(self._chosen.name) from error
+
+
+def _authorization(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dict[str, str]:
+    token = camera_token(chosen)
+    if token and not is_encrypted_or_local(chosen.target):
+        raise CameraError(
+            localized(
+                QT_TR_NOOP("The token for the camera at {name} is not sent: others could read it in transit."),
+                name=chosen.name,
+            ),
+            QT_TR_NOOP("Start its camera server with --cert and --key and use https://, or use an SSH tunnel."),
+        )
+    if token:
+        return {"Authorization": f"Bearer {token}"}
+    if parts.username is None:
+        return {}
+    pair = f"{urllib.parse.unquote(parts.username)}:{urllib.parse.unquote(parts.password or '')}"
+    return {"Authorization": f"Basic {base64.b64encode(pair.encode()).decode()}"}
+
+
+_log = logging.getLogger(__name__)
+_FIRST_ROUND_TRIPS = 8
+_ASK_EVERY_NS = 2_000_000_000
+
+_HISTORY = 30
+# Maximum drift between ordinary computers' clocks, in ns per ns.
+_DRIFT = 50e-6
+
+
+class RemoteClockEstimate:
+    """Remote clock estimate; ``ask`` returns the remote monotonic clock in ns, with one round trip."""
+
+    def __init__(self, ask: Callable[[], int], *, now_ns: Callable[[], int] = clock.now_ns) -> None:
+        self._ask = ask
+        self._now_ns = now_ns
+        self._measured: deque[tuple[int, int, int]] = deque(maxlen=_HISTORY)
+
+    def measure(self) -> None:
+        """Measure one round trip; the shortest ones are the most accurate. Raises what ``ask`` raises."""
+        requested_ns = self._now_ns()
+        far_ns = self._ask()
+        received_ns = self._now_ns()
+        self._measured.append(
+            (received_ns, far_ns - (requested_ns + received_ns) // 2, (received_ns - requested_ns) // 2)
+        )
+
+    def here(self, far_ns: int) -> tuple[int, int] | None:
+        """Remote time in session time, and its uncertainty; None if not known well enough."""
+        if not self._measured:
+            return None
+        now_ns = self._now_ns()
+        uncertainty_ns, offset_ns = min(
+            (round(half_ns + _DRIFT * (now_ns - at_ns)), offset_ns) for at_ns, offset_ns, half_ns in self._measured
+        )
+        taken_ns = clock.measured_ns(far_ns, arrival_ns=now_ns, offset_ns=offset_ns, uncertainty_ns=uncertainty_ns)
+        return None if taken_ns is None else (taken_ns, uncertainty_ns)
+
+
+class ServedClock(RemoteClockEstimate):
+    """Clock of a camera server, polled over HTTP: several times at first, then periodically."""
+
+    def __init__(self, chosen: ChosenCamera, path: str) -> None:
+        super().__init__(self._server_ns)
+        self._chosen = chosen
+        self._path = path
+        self._connection: CameraConnection | None = None
+        for _ in range(_FIRST_ROUND_TRIPS):
+            self._poll()
+
+    def here(self, far_ns: int) -> tuple[int, int] | None:
+        """As :meth:`RemoteClockEstimate.here`, with an occasional round trip."""
+        if clock.now_ns() - self._polled_ns >= _ASK_EVERY_NS:
+            self._poll()
+        return super().here(far_ns)
+
+    def close(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+
+    def _server_ns(self) -> int:
+        if self._connection is None:
+            self._connection = CameraConnection(self._chosen)
+        return int(self._connection.ask("GET", self._path)[1])
+
+    def _poll(self) -> None:
+        self._polled_ns = clock.now_ns()
+        try:
+            self.measure()
+        except (CameraError, ValueError):
+            _log.info("the clock of %s was not told", self._chosen.name, exc_info=True)
+
 
 CAPTURED_HEADER = "x-captured-monotonic-ns"
 """When our camera server took this picture, by its monotonic clock; every part has it."""
@@ -85,25 +271,19 @@ class HttpCamera:
         try:
             while newest is None or self._more_waits():
                 if newest is None and clock.now_ns() > until_ns:
-                    raise self._lost()
+                    raise stopped_sending(self._chosen.name)
                 data = self._response.read1(self.read_at_most_bytes)
                 if not data:
                     if newest is not None:
                         break
-                    raise self._lost()
+                    raise stopped_sending(self._chosen.name)
                 newest = self._parts.add(data) or newest
         except (OSError, http.client.HTTPException) as error:
-            raise self._lost() from error
+            raise stopped_sending(self._chosen.name) from error
         return newest
 
     def _more_waits(self) -> bool:
         return bool(select.select([self._response.fileno()], [], [], 0)[0])
-
-    def _lost(self) -> CameraError:
-        return CameraError(
-            localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=self._chosen.name),
-            QT_TR_NOOP("Check the camera and its network connection."),
-        )
 
     def _capture_time(self, head: dict[str, str]) -> tuple[int, int] | None:
         stamp = head.get(CAPTURED_HEADER, "")

@@ -1,5 +1,6 @@
 """Cameras of plug-ins of the group ``caris_desktop.cameras``, each in a process of its own."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
@@ -52,7 +53,7 @@ class PluginCamera:
         name, _, target = chosen.target.partition(":")
         try:
             plugin = find("cameras", name)
-            self._process = PluginProcess(plugin, _Host(plugin, target))
+            self._process = PluginProcess(plugin, functools.partial(_host, plugin, target))
         except PluginError as error:
             raise _switched_off(error) from error
         try:
@@ -83,25 +84,20 @@ class PluginCamera:
         return Picture(image, taken_ns=taken_ns)
 
 
-class _Host:
+def _host(plugin: Plugin, target: str, make: Callable[[str], CameraPlugin]) -> Callable[..., Any]:
     """Host of a camera in its process: makes it with the first request, and answers with a picture or an OSError."""
+    made: list[CameraPlugin] = []
 
-    def __init__(self, plugin: Plugin, target: str) -> None:
-        self._plugin, self._target = plugin, target
+    def answer(_report: object) -> tuple[NDArray[np.uint8], int] | OSError:
+        try:
+            if not made:
+                made.append(make(target))
+            image = made[0].read()
+        except OSError as error:
+            return error
+        return checked_image(plugin, image), clock.now_ns()
 
-    def __call__(self, make: Callable[[str], CameraPlugin]) -> Callable[..., Any]:
-        made: list[CameraPlugin] = []
-
-        def answer(_report: object) -> tuple[NDArray[np.uint8], int] | OSError:
-            try:
-                if not made:
-                    made.append(make(self._target))
-                image = made[0].read()
-            except OSError as error:
-                return error
-            return checked_image(self._plugin, image), clock.now_ns()
-
-        return answer
+    return answer
 
 
 def checked_image(plugin: Plugin, image: object) -> NDArray[np.uint8]:

@@ -63,7 +63,10 @@ class StreamCamera:
         try:
             frame = next(self._frames, None)
             if frame is None and self._chosen.loop and self._pictures_in_round:
-                self._rewind()
+                self._container.seek(0)
+                self._frames = iter(self._container.decode(self._stream))
+                self._round_began_s = self._last_due_s + 1.0 / (self.fps or 25.0)
+                self._pictures_in_round = 0
                 frame = next(self._frames, None)
         except self._errors as error:
             self._broken += 1
@@ -117,12 +120,6 @@ class StreamCamera:
             due_s = self._round_began_s + frame.time - self._first_pts_s
         self._last_due_s = max(due_s, self._last_due_s)
         return self._last_due_s
-
-    def _rewind(self) -> None:
-        self._container.seek(0)
-        self._frames = iter(self._container.decode(self._stream))
-        self._round_began_s = self._last_due_s + 1.0 / (self.fps or 25.0)
-        self._pictures_in_round = 0
 
     def _cannot_open(self) -> CameraError:
         if not self._chosen.recorded:

@@ -17,10 +17,15 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, ChosenCamera, Picture
-from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER
-from caris_desktop.perception.cameras.http_request import CameraConnection
-from caris_desktop.perception.cameras.remote_clock import ServedClock
+from caris_desktop.perception.cameras.camera_source import (
+    SILENCE_S,
+    SOUND_RATE_HZ,
+    CameraError,
+    ChosenCamera,
+    Picture,
+    stopped_sending,
+)
+from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER, CameraConnection, ServedClock
 from caris_desktop.perception.cameras.stream_camera import bgr_of
 
 _FIRST_PICTURE_S = 10.0
@@ -189,10 +194,7 @@ class WebRtcCamera:
         except TimeoutError:
             frame = None
         if frame is None:
-            raise CameraError(
-                localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=self._chosen.name),
-                QT_TR_NOOP("Check the camera and its network connection."),
-            )
+            raise stopped_sending(self._chosen.name)
         return frame
 
     def _capture_time(self, frame: Any) -> tuple[int, int] | None:

@@ -634,13 +634,9 @@ class EditHistory:
     """
 
     def __init__(self, document: AnnotationDocument, *, limit: int = 1000) -> None:
-        self._document = document
+        self.document = document
         self._done: deque[AnnotationDocument] = deque(maxlen=limit)
         self._undone: list[AnnotationDocument] = []
-
-    @property
-    def document(self) -> AnnotationDocument:
-        return self._document
 
     def apply(self, edit: Edit) -> AnnotationDocument:
         """Apply ``edit`` and return the new document.
@@ -648,35 +644,35 @@ class EditHistory:
         An exception of ``edit`` (AnnotationError if refused) changes nothing. An edit without an effect is not an undo
         step.
         """
-        after = edit(self._document)
-        if after != self._document:
-            self._done.append(self._document)
+        after = edit(self.document)
+        if after != self.document:
+            self._done.append(self.document)
             self._undone.clear()
-            self._document = after
-        return self._document
+            self.document = after
+        return self.document
 
     @property
     def undo_step(self) -> str:
         """Source text of the step that ``undo`` reverts; empty if there is none."""
-        return _step(self._done[-1], self._document) if self._done else ""
+        return _step(self._done[-1], self.document) if self._done else ""
 
     @property
     def redo_step(self) -> str:
-        return _step(self._document, self._undone[-1]) if self._undone else ""
+        return _step(self.document, self._undone[-1]) if self._undone else ""
 
     def undo(self) -> AnnotationDocument:
         """Undo one step, if any."""
         if self._done:
-            self._undone.append(self._document)
-            self._document = self._done.pop()
-        return self._document
+            self._undone.append(self.document)
+            self.document = self._done.pop()
+        return self.document
 
     def redo(self) -> AnnotationDocument:
         """Redo the last undone step, if any."""
         if self._undone:
-            self._done.append(self._document)
-            self._document = self._undone.pop()
-        return self._document
+            self._done.append(self.document)
+            self.document = self._undone.pop()
+        return self.document
 
 
 def _step(before: AnnotationDocument, after: AnnotationDocument) -> str:

@@ -91,3 +91,12 @@ class AnnotationDocument(Value):
 
     def of_tier(self, tier_id: str) -> tuple[Annotation, ...]:
         return tuple(annotation for annotation in self.annotations if annotation.tier_id == tier_id)
+
+    def values_used(self) -> dict[str, dict[str, None]]:
+        """Values in use of each vocabulary that a tier names, in order of first use."""
+        vocabularies = {tier.tier_id: tier.vocabulary for tier in self.tiers if tier.vocabulary}
+        used: dict[str, dict[str, None]] = {name: {} for name in vocabularies.values()}
+        for annotation in self.annotations:
+            if annotation.value and annotation.tier_id in vocabularies:
+                used[vocabularies[annotation.tier_id]][annotation.value] = None
+        return used

@@ -236,7 +236,15 @@ def load_coding(path: Path) -> tuple[AnnotationDocument, str]:
             where=where,
         )
     coding: Coding = value_from(Coding, data)
-    document = _document(coding)
+    tiers = tuple(
+        Tier(tier.tier_id, tier.name, coding.coder, tier.vocabulary, tier.participant) for tier in coding.tiers
+    )
+    annotations = tuple(
+        Annotation(item.annotation_id, tier.tier_id, item.start_ms, item.end_ms, item.value)
+        for tier in coding.tiers
+        for item in tier.annotations
+    )
+    document = sorted_document(AnnotationDocument(tiers, coding.vocabularies, annotations, coding.duration_ms))
     try:
         check_document(document)
     except AnnotationError as error:
@@ -249,18 +257,6 @@ def load_coding(path: Path) -> tuple[AnnotationDocument, str]:
             error=error,
         ) from error
     return document, coding.coder
-
-
-def _document(coding: Coding) -> AnnotationDocument:
-    tiers = tuple(
-        Tier(tier.tier_id, tier.name, coding.coder, tier.vocabulary, tier.participant) for tier in coding.tiers
-    )
-    annotations = tuple(
-        Annotation(item.annotation_id, tier.tier_id, item.start_ms, item.end_ms, item.value)
-        for tier in coding.tiers
-        for item in tier.annotations
-    )
-    return sorted_document(AnnotationDocument(tiers, coding.vocabularies, annotations, coding.duration_ms))
 
 
 def _explain(error: OSError, path: Path) -> str:

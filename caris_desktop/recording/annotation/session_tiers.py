@@ -6,7 +6,7 @@ Names and states are English in files and translated for display; texts by peopl
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_args
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
@@ -38,7 +38,6 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.streams import BY_NAME, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.annotation import states
 from caris_desktop.recording.annotation.annotation_editing import LONGEST_VALUE, MOMENT_MS, plain_text
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
@@ -47,17 +46,73 @@ from caris_desktop.recording.annotation.annotation_model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.session.answers import unheard
-from caris_desktop.recording.session.scenario_text import read_scenario
+from caris_desktop.recording.session.session_conversation import unheard
 from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
-from caris_desktop.recording.session.session_driving import NavigationGoal, commanded
 from caris_desktop.recording.session.session_marks import FinalMark
+from caris_desktop.recording.session.session_protocol import StepVisit, read_scenario
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import NavigationGoal, commanded
 from caris_desktop.recording.session.session_visits import seen_throughout
+
+WIZARD_ERRORS = (QT_TR_NOOP("slip"), QT_TR_NOOP("late"), QT_TR_NOOP("wrong branch"))
+
+STATES_IN_WORDS = (
+    QT_TR_NOOP("standing"), QT_TR_NOOP("forward"), QT_TR_NOOP("backward"), QT_TR_NOOP("sideways"),
+    QT_TR_NOOP("turning"), QT_TR_NOOP("keyboard"), QT_TR_NOOP("gamepad"), QT_TR_NOOP("onscreen"),
+    QT_TR_NOOP("rehearsal"), QT_TR_NOOP("stop"), QT_TR_NOOP("lease"), QT_TR_NOOP("none"), QT_TR_NOOP("typed"),
+    QT_TR_NOOP("phrase"), QT_TR_NOOP("filler"), QT_TR_NOOP("assistant"), QT_TR_NOOP("suggestion"),
+    QT_TR_NOOP("heard"), QT_TR_NOOP("dictated"), QT_TR_NOOP("own_voice"), QT_TR_NOOP("said"), QT_TR_NOOP("edited"),
+    QT_TR_NOOP("dismissed"), QT_TR_NOOP("unheard"), QT_TR_NOOP("requested"), QT_TR_NOOP("active"),
+    QT_TR_NOOP("reached"), QT_TR_NOOP("cancelled"), QT_TR_NOOP("failed"), QT_TR_NOOP("answered"),
+    QT_TR_NOOP("control"), QT_TR_NOOP("media"), QT_TR_NOOP("connecting"), QT_TR_NOOP("trouble"), QT_TR_NOOP("lost"),
+    QT_TR_NOOP("slowing"), QT_TR_NOOP("blocked"), QT_TR_NOOP("blind"), QT_TR_NOOP("overridden"), QT_TR_NOOP("wizard"),
+    QT_TR_NOOP("robot"), QT_TR_NOOP("console"), QT_TR_NOOP("model"), QT_TR_NOOP("script"),
+    QT_TR_NOOP("present"), QT_TR_NOOP("paused"), QT_TR_NOOP("unspecified"),
+)  # fmt: skip
+"""All words for states on a tier, for translators of the timeline."""
+
+
+def state(word: str) -> str:
+    """State for the file and for ``tr``; an unknown word, such as another wizard's name, stays as it is."""
+    return localized(word) if word in STATES_IN_WORDS else word
+
+
+def error_words(label: str) -> str:
+    """Wizard error label; a wizard's own wording is not translated."""
+    return localized(label) if label in WIZARD_ERRORS else label
+
+
+def step_words(visit: StepVisit) -> str:
+    skipped = visit.left == "skipped"
+    return localized(QT_TR_NOOP("{step} (skipped)"), step=visit.title) if skipped else visit.title or visit.step_id
+
+
+def goal_words(goal: NavigationGoal) -> str:
+    target = goal.place or f"({goal.target_in_map.x_m:.2f}, {goal.target_in_map.y_m:.2f})"
+    return localized(QT_TR_NOOP("{place}: {state}"), place=target, state=state(goal.state))
+
+
+def answer_words(exchange: LlmExchange) -> str:
+    """Answer of the language model, or the reason why there is none."""
+    reason = localized(
+        QT_TR_NOOP("({outcome}: {detail})"), outcome=state(exchange.outcome), detail=localized(exchange.detail)
+    )
+    answer = localized(QT_TR_NOOP("{answer} (cut off)"), answer=exchange.answer) if exchange.cut else exchange.answer
+    return answer if exchange.answer else reason
+
+
+def link_words(change: LinkChanged) -> str:
+    message = QT_TR_NOOP("{link}: {state} ({detail})") if change.detail else QT_TR_NOOP("{link}: {state}")
+    return localized(message, link=state(change.link), state=state(change.state), detail=localized(change.detail))
+
+
+def emergency_words(change: EmergencyStopChanged) -> str:
+    return localized(QT_TR_NOOP("set by {whom}"), whom=state(change.actor or change.by))
+
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
-UNNAMED = states.state("unspecified")  # an unlabelled mark
+UNNAMED = state("unspecified")  # an unlabelled mark
 MOST_PEOPLE = 12  # with more people, only their number gets a tier
 _STILL_MPS, _STILL_RADPS = 0.02, 0.05
 _TROUBLE = ("connecting", "trouble", "lost")
@@ -124,9 +179,11 @@ class _Row(Value):
 
 def tiers_of(data: SessionData) -> AnnotationDocument:
     """Tiers of data that were read, at least those of :func:`types_of_tiers`."""
+    visits = data.step_visits
+    stretches = [_TierInterval(visit.start_ns, visit.end_ns, step_words(visit)) for visit in visits]
     rows = [
         *_speech_rows(data),
-        _protocol_row(data),
+        _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard"),
         *_mark_rows(data),
         *_driving_rows(data),
         *_people_rows(data),
@@ -152,7 +209,7 @@ def _speech_rows(data: SessionData) -> Iterable[_Row]:
         if speaker == "robot":
             yield _Row(
                 QT_TR_NOOP("Robot speech origin"),
-                [_TierInterval(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
+                [_TierInterval(item.start_ns or 0, item.end_ns, state(item.origin)) for item in mine],
                 "Speech origin",
                 participant,
             )
@@ -169,12 +226,6 @@ def _speech_rows(data: SessionData) -> Iterable[_Row]:
     )
 
 
-def _protocol_row(data: SessionData) -> _Row:
-    visits = data.step_visits
-    stretches = [_TierInterval(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
-    return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
-
-
 def _mark_rows(data: SessionData) -> Iterable[_Row]:
     marks = data.marks
     labelled = [mark for mark in marks if mark.kind == "mark"]
@@ -182,7 +233,7 @@ def _mark_rows(data: SessionData) -> Iterable[_Row]:
     yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
     yield _Row(
         ERRORS_VOCABULARY,
-        [_of_mark(mark, states.error_words(mark.label) or UNNAMED) for mark in errors],
+        [_of_mark(mark, error_words(mark.label) or UNNAMED) for mark in errors],
         ERRORS_VOCABULARY,
         participant="Wizard",
     )
@@ -197,7 +248,17 @@ def _driving_rows(data: SessionData) -> Iterable[_Row]:
     motion = _joined([_TierInterval(start_ns, end_ns, motion_of(one.twist)) for start_ns, end_ns, one in driven])
     if commands:
         # No command means standing: before the first one and wherever commands stopped.
-        motion = _filled(motion, "standing", data.session.started_ns, ended_ns, pauses)
+        filled: list[_TierInterval] = []
+        at_ns = data.session.started_ns
+        fixed = sorted(
+            [*motion, *(_TierInterval(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns
+        )
+        for run in [*fixed, _TierInterval(ended_ns, ended_ns, "")]:
+            if run.start_ns > at_ns:
+                filled.append(_TierInterval(at_ns, run.start_ns, "standing"))
+            filled.append(run)
+            at_ns = max(at_ns, run.end_ns or run.start_ns)
+        motion = [run for run in _joined(filled) if run.value]
     sources = [_TierInterval(drive.start_ns, drive.end_ns, drive.source) for drive in data.drives]
     yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
     yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
@@ -219,7 +280,7 @@ def _people_rows(data: SessionData) -> Iterable[_Row]:
         return
     numbers = {visit.person_id: visit.number for visit in data.visits if visit.number}
     for person_id, spans in present.items():
-        there = [_TierInterval(*span, states.state("present")) for span in spans]
+        there = [_TierInterval(*span, state("present")) for span in spans]
         yield _Row(_person(person_id, numbers), there, "", person_id)
 
 
@@ -227,7 +288,7 @@ def _assistant_rows(data: SessionData) -> Iterable[_Row]:
     said = {(one.turn_id, one.revision): one.text for one in data.suggestions if one.was_said}
     exchanges = [
         # One that ended when a reply of it was taken was not cancelled in vain.
-        _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or states.answer_words(one))
+        _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or answer_words(one))
         for one in data.of(LlmExchange)
     ]
     yield _Row(
@@ -239,7 +300,7 @@ def _assistant_rows(data: SessionData) -> Iterable[_Row]:
     uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in used]
     yield _Row(
         QT_TR_NOOP("LLM answer use"),
-        [_TierInterval(item.stamp_ns, None, states.state(use)) for item, use in uses],
+        [_TierInterval(item.stamp_ns, None, state(use)) for item, use in uses],
         "Answer use",
     )
 
@@ -252,12 +313,12 @@ def _console_rows(data: SessionData) -> Iterable[_Row]:
         changes = [change for change in links if change.link == link]
         for change, end_ns in _until_next(changes, ended_ns):
             if change.state in _TROUBLE:
-                trouble.append(_TierInterval(change.stamp_ns, end_ns, states.link_words(change)))
+                trouble.append(_TierInterval(change.stamp_ns, end_ns, link_words(change)))
     yield _Row(QT_TR_NOOP("Link trouble"), trouble)
     yield _Row(
         QT_TR_NOOP("Obstacle guard"),
         [
-            _TierInterval(change.stamp_ns, end_ns, states.state(change.state))
+            _TierInterval(change.stamp_ns, end_ns, state(change.state))
             for change, end_ns in _until_next(data.of(GuardChanged), ended_ns)
             if change.state not in ("absent", "clear")
         ],
@@ -265,12 +326,12 @@ def _console_rows(data: SessionData) -> Iterable[_Row]:
     yield _Row(
         QT_TR_NOOP("Emergency stop"),
         [
-            _TierInterval(change.stamp_ns, end_ns, states.emergency_words(change))
+            _TierInterval(change.stamp_ns, end_ns, emergency_words(change))
             for change, end_ns in _until_next(data.of(EmergencyStopChanged), ended_ns)
             if change.latched
         ],
     )
-    yield _Row(QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in data.pauses])
+    yield _Row(QT_TR_NOOP("Pauses"), [_TierInterval(*span, state("paused")) for span in data.pauses])
     yield _Row(
         QT_TR_NOOP("Scenario"),
         [
@@ -309,14 +370,11 @@ def _document(data: SessionData, rows: list[_Row]) -> AnnotationDocument:
             tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
             for start_ms, end_ms, value in lane:
                 annotations.append(Annotation(f"r{len(annotations) + 1}", tier_id, start_ms, end_ms, value))
-    used: dict[str, set[str]] = {tier.vocabulary: set() for tier in tiers if tier.vocabulary}
-    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
-    for annotation in annotations:
-        used.get(vocabulary_of_tier[annotation.tier_id], set()).add(annotation.value)
-    return AnnotationDocument(tuple(tiers), _vocabularies(data, used), tuple(annotations), duration_ms)
+    document = AnnotationDocument(tuple(tiers), (), tuple(annotations), duration_ms)
+    return dataclasses.replace(document, vocabularies=_vocabularies(data, document.values_used()))
 
 
-def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
+def _vocabularies(data: SessionData, used: Mapping[str, Iterable[str]]) -> tuple[Vocabulary, ...]:
     labels = dict.fromkeys(
         " ".join(plain_text(label).split())
         for opened in data.of(ScenarioOpened)
@@ -324,7 +382,7 @@ def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabul
     )
     known: dict[str, tuple[str, dict[str, str]]] = {
         MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
-        ERRORS_VOCABULARY: ("Errors made by the wizard.", dict.fromkeys(states.WIZARD_ERRORS, "")),
+        ERRORS_VOCABULARY: ("Errors made by the wizard.", dict.fromkeys(WIZARD_ERRORS, "")),
         "Motion": ("Motion that was commanded.", _MOTIONS),
         "Driving source": ("Source of the commanded velocity.", dict.fromkeys(get_args(CommandSource), "")),
         "Speech origin": ("Origin of the utterance.", dict.fromkeys(get_args(UtteranceOrigin), "")),
@@ -332,10 +390,9 @@ def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabul
     }
     vocabularies = []
     for name, (description, entries) in known.items():
-        values = used.get(name, set())
         if name in used or (name == MARKS_VOCABULARY and labels):
             # Wizards also mark with labels of their own, or without one.
-            others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
+            others = dict.fromkeys(sorted({*used.get(name, ())} - set(entries)), "")
             vocabularies.append(
                 Vocabulary(name, tuple(VocabularyEntry(*entry) for entry in {**entries, **others}.items()), description)
             )
@@ -374,21 +431,6 @@ def motion_of(twist: Twist2D) -> str:
     return next((word for word, size in parts.items() if size >= 1.0), max(parts, key=lambda word: parts[word]))
 
 
-def _filled(
-    runs: list[_TierInterval], value: str, start_ns: int, end_ns: int, pauses: list[tuple[int, int]]
-) -> list[_TierInterval]:
-    """Fill the gaps of ``runs`` with ``value`` except while recording was paused; merge neighbours."""
-    filled: list[_TierInterval] = []
-    at_ns = start_ns
-    fixed = sorted([*runs, *(_TierInterval(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns)
-    for run in [*fixed, _TierInterval(end_ns, end_ns, "")]:
-        if run.start_ns > at_ns:
-            filled.append(_TierInterval(at_ns, run.start_ns, value))
-        filled.append(run)
-        at_ns = max(at_ns, run.end_ns or run.start_ns)
-    return [run for run in _joined(filled) if run.value]
-
-
 def _joined(runs: list[_TierInterval]) -> list[_TierInterval]:
     """Merge contiguous intervals of equal value; drop empty ones."""
     joined: list[_TierInterval] = []
@@ -418,11 +460,11 @@ def _of_mark(mark: FinalMark, value: str) -> _TierInterval:
 
 
 def _of_goal(goal: NavigationGoal, ended_ns: int) -> _TierInterval:
-    return _TierInterval(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, states.goal_words(goal))
+    return _TierInterval(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, goal_words(goal))
 
 
 def _in_states(stretches: list[_TierInterval]) -> list[_TierInterval]:
-    return [dataclasses.replace(one, value=states.state(one.value)) for one in stretches]
+    return [dataclasses.replace(one, value=state(one.value)) for one in stretches]
 
 
 def _lanes(
@@ -467,44 +509,19 @@ _LONGEST_SUMMARY = 300
 
 
 EVENTS_IN_WORDS = (
-    QT_TR_NOOP("Drive ended"),
-    QT_TR_NOOP("Movement changed"),
-    QT_TR_NOOP("Stop requested"),
-    QT_TR_NOOP("Navigation speed changed"),
-    QT_TR_NOOP("Initial pose set"),
-    QT_TR_NOOP("Map request changed"),
-    QT_TR_NOOP("Mapping changed"),
-    QT_TR_NOOP("Places changed"),
-    QT_TR_NOOP("Head moved"),
-    QT_TR_NOOP("Control used"),
-    QT_TR_NOOP("Gamepad changed"),
-    QT_TR_NOOP("Response timed"),
-    QT_TR_NOOP("Suggestion changed"),
-    QT_TR_NOOP("Proposal changed"),
-    QT_TR_NOOP("Level changed"),
-    QT_TR_NOOP("Voice changed"),
-    QT_TR_NOOP("Assistant changed"),
-    QT_TR_NOOP("Face changed"),
-    QT_TR_NOOP("Person renamed"),
-    QT_TR_NOOP("Person suggested"),
-    QT_TR_NOOP("Person described"),
-    QT_TR_NOOP("Consent noted"),
-    QT_TR_NOOP("Person attended"),
-    QT_TR_NOOP("Photo taken"),
-    QT_TR_NOOP("Photo tagged"),
-    QT_TR_NOOP("Photo deleted"),
-    QT_TR_NOOP("Step ticked"),
-    QT_TR_NOOP("Preflight checked"),
-    QT_TR_NOOP("Robot chosen"),
-    QT_TR_NOOP("Layout changed"),
-    QT_TR_NOOP("Gap"),
-    QT_TR_NOOP("Problem"),
-    QT_TR_NOOP("Alarm changed"),
-    QT_TR_NOOP("Trial resumed"),
-    QT_TR_NOOP("Confirmed as before"),
-    QT_TR_NOOP("Practice step ended"),
+    QT_TR_NOOP("Drive ended"), QT_TR_NOOP("Movement changed"), QT_TR_NOOP("Stop requested"),
+    QT_TR_NOOP("Navigation speed changed"), QT_TR_NOOP("Initial pose set"), QT_TR_NOOP("Map request changed"),
+    QT_TR_NOOP("Mapping changed"), QT_TR_NOOP("Places changed"), QT_TR_NOOP("Head moved"), QT_TR_NOOP("Control used"),
+    QT_TR_NOOP("Gamepad changed"), QT_TR_NOOP("Response timed"), QT_TR_NOOP("Suggestion changed"),
+    QT_TR_NOOP("Proposal changed"), QT_TR_NOOP("Level changed"), QT_TR_NOOP("Voice changed"),
+    QT_TR_NOOP("Assistant changed"), QT_TR_NOOP("Face changed"), QT_TR_NOOP("Person renamed"),
+    QT_TR_NOOP("Person suggested"), QT_TR_NOOP("Person described"), QT_TR_NOOP("Consent noted"),
+    QT_TR_NOOP("Person attended"), QT_TR_NOOP("Photo taken"), QT_TR_NOOP("Photo tagged"), QT_TR_NOOP("Photo deleted"),
+    QT_TR_NOOP("Step ticked"), QT_TR_NOOP("Preflight checked"), QT_TR_NOOP("Robot chosen"),
+    QT_TR_NOOP("Layout changed"), QT_TR_NOOP("Gap"), QT_TR_NOOP("Problem"), QT_TR_NOOP("Alarm changed"),
+    QT_TR_NOOP("Trial resumed"), QT_TR_NOOP("Confirmed as before"), QT_TR_NOOP("Practice step ended"),
     QT_TR_NOOP("Practice ended"),
-)
+)  # fmt: skip
 """Texts of ``type_in_words`` for events whose tier has no other name, for translators of the timeline."""
 
 

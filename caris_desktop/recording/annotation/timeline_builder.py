@@ -21,10 +21,10 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.media_files import wav_layout
+from caris_desktop.recording.session.session_conversation import SpokenUtterance
 from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance
 
 BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000

@@ -1,6 +1,5 @@
 """Copy of a session's files as they are, but for the names that its reader replaces: wizards, coders, addresses."""
 
-import hashlib
 import json
 import os
 import re
@@ -13,9 +12,8 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_chunks import intact_blocks, scan
-from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session.events_file import copy_changed, intact_blocks, scan
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, digest_of, manifest_entries, session_files
 from caris_desktop.recording.session.session_header import HEADER_NAME
 from caris_desktop.recording.session.session_reader import Session
 
@@ -47,8 +45,10 @@ def copy_session(
     after the session closed. ``warn`` gets a sentence for each file that is left out. Raises OSError.
     """
     names = session_files(session.folder)
-    manifest = _manifest(session.folder / MANIFEST_NAME)
-    names += [MANIFEST_NAME] if (session.folder / MANIFEST_NAME).is_file() else []
+    manifest: dict[str, str] = {}
+    if (session.folder / MANIFEST_NAME).is_file():
+        manifest |= filter(None, manifest_entries(session.folder))
+        names.append(MANIFEST_NAME)
     names += sorted(
         f"{CODINGS}{path.name}"
         for path in (session.folder / CODINGS).glob("*.json")
@@ -72,7 +72,7 @@ def copy_session(
         try:
             new_name, content = _pseudonymous(session, name) if session.pseudonymised else (name, None)
         except _ExcludedError as error:
-            new_checksums[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
+            new_checksums[name], sizes_anew[name] = (digest_of(source, copied), ""), ("", 0)
             warn(localized(str(error), file=name))
             continue
         target = folder / new_name
@@ -81,15 +81,15 @@ def copy_session(
             content = _with_sizes(content or source.read_bytes(), sizes_anew)
         if content is not None:
             target.write_bytes(content)
-            original = _sha256(source, lambda _: None)
+            original = digest_of(source)
         elif session.pseudonymised and name == _EVENTS and _copy_scrubbed(session, source, target):
-            original = _sha256(source, lambda _: None)
+            original = digest_of(source)
         elif name == MANIFEST_NAME and new_checksums:
             target.write_bytes(_manifest_renewed(source.read_bytes(), new_checksums))
             changed = True
         else:
             copy_file(source, target)
-        sha256 = _sha256(target, copied)
+        sha256 = digest_of(target, copied)
         if original:
             new_checksums[name] = original, sha256
             sizes_anew[name] = new_name, target.stat().st_size
@@ -117,15 +117,6 @@ def copy_file(source: Path, target: Path) -> None:
         # Empty if copy_file_range copied everything.
         while block := original.read(_BLOCK_BYTES):
             copy.write(block)
-
-
-def _sha256(path: Path, progress: Callable[[int], None]) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
-            progress(len(block))
-    return digest.hexdigest()
 
 
 _FOUND = QT_TR_NOOP("{file} is excluded from the archive: it was saved by a repair and may reveal where the robot is.")
@@ -174,11 +165,8 @@ def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
         index = scan(file, thorough=False)
         if not any(session.scrub(content) != content for content in intact_blocks(file, index)):
             return False
-        copy = DiskFile(target)
-        try:
+        with DiskFile(target) as copy:
             copy_changed(file, index, copy, lambda _channel, data: session.scrub(data))
-        finally:
-            copy.close()
     return True
 
 
@@ -215,12 +203,3 @@ def _manifest_renewed(content: bytes, new_checksums: dict[str, tuple[str, str]])
         new_line = f"{copy}  {name}\n" if copy else ""
         lines = [new_line if line.fullmatch(one) else one for one in lines]
     return "".join(lines).encode("utf-8", "surrogateescape")
-
-
-def _manifest(path: Path) -> dict[str, str]:
-    try:
-        lines = path.read_bytes().decode("utf-8", "surrogateescape").splitlines()
-    except FileNotFoundError:
-        return {}
-    matches = (re.fullmatch(r"([0-9a-f]{64}) [ *](.+)", line) for line in lines)
-    return {match[2]: match[1] for match in matches if match is not None}

@@ -36,30 +36,31 @@ from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.anonymising.pseudonymous_copy import CODINGS, copy_file, renamed_coding
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import media
-from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError
-from caris_desktop.recording.forgetting.search_terms import PersonNames
-from caris_desktop.recording.forgetting.session_media import sound_span_of
-from caris_desktop.recording.forgetting.text_erasure import changed_metadata, encoding_of, lines_of
+from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError, sound_span_of
+from caris_desktop.recording.forgetting.text_erasure import PersonNames, changed_metadata, encoding_of, lines_of
 from caris_desktop.recording.photo_file import PhotoFileError, change_texts, texts_of
 from caris_desktop.recording.pseudonyms import Pseudonyms, address_scrubber, other_wizards, scrubber_of
 from caris_desktop.recording.recorder.blurring import Covering, detections_around, parts_at
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.frame_times import INDEX_SUFFIX, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import ATTACHMENT, copy_changed
 from caris_desktop.recording.session.manifest import session_files, write_manifest
-from caris_desktop.recording.session.mcap_records import ATTACHMENT
-from caris_desktop.recording.session.mcap_repair import copy_changed
-from caris_desktop.recording.session.media_files import WavLayout, wav_header, wav_layout
-from caris_desktop.recording.session.missing_data import missing_words
-from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.media_files import (
+    INDEX_SUFFIX,
+    WavLayout,
+    index_path,
+    wav_header,
+)
+from caris_desktop.recording.session.recovery import missing_words
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import (
     HEADER_NAME,
     Anonymised,
+    clock_text,
     header_of,
     recorded_files,
 )
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.study_file import FILE_NAME as STUDY_FILE
 
 # Known names in texts, replaced by pseudonyms.
@@ -145,10 +146,7 @@ def write_sound(source: Path, target: Path, pitch: float = 1.0) -> None:
     Raises OSError, UnreadableMediaError.
     """
     with source.open("rb") as old, target.open("wb") as new:
-        try:
-            wav = wav_layout(old)
-        except ValueError as error:
-            raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=source.name)) from error
+        wav = media.sound_layout(old, source)
         samples = max(0, source.stat().st_size - wav.offset_bytes) // wav.frame_bytes
         if 0 < wav.data_bytes < samples * wav.frame_bytes:
             samples = wav.data_bytes // wav.frame_bytes
@@ -176,9 +174,7 @@ def _blocks(file: IO[bytes], wav: WavLayout, samples: int) -> Iterator[NDArray[n
 def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavLayout, pitch: float) -> Iterator[NDArray[np.int16]]:
     import av
 
-    rate, layout = wav.sample_rate_hz, "mono" if wav.channels == 1 else "stereo" if wav.channels == 2 else ""
-    if not layout:
-        layout = f"{wav.channels}c"
+    rate, layout = wav.sample_rate_hz, {1: "mono", 2: "stereo"}.get(wav.channels, f"{wav.channels}c")
     graph = av.filter.Graph()
     nodes = [
         graph.add_abuffer(format="s16", sample_rate=rate, layout=layout),
@@ -219,8 +215,6 @@ _EVENTS, _RECOVERED = "events.mcap", "recovered/"
 _PHOTOS, _SOUNDS = (".png", ".jpg", ".jpeg"), (".wav",)
 _TOLD_ANYWAY = ("movement.txt", "speech.txt")
 _LARGEST_TEXT_BYTES = 64 << 20
-# A photo is the newest frame at its request, hence slightly older than the request.
-_PHOTO_NS = range(-700_000_000, 200_000_001, 100_000_000)
 _FREE_TEXTS = (
     "answer", "branch", "committed", "content", "detail", "heard_text", "item", "label", "message", "note", "prompt",
     "tags", "tentative", "text", "title", "value",
@@ -335,7 +329,13 @@ class _Copy:
         names.sort(key=lambda name: name.endswith(INDEX_SUFFIX))  # after their videos
         sizes = {name: (self._folder / name).stat().st_size for name in names}
         total, done = max(1, sum(sizes.values())), 0
-        named_in_sound = self._named_in_sound()
+        # Session times at which a name is spoken. In texts of the robot, marks replace the names that it says.
+        named_in_sound = [
+            sound_span_of(one)
+            for one in spoken(self._session)
+            for text in [f"{one.text}\n{one.heard_text or ''}"]
+            if self._names.named(text) or with_names(text, lambda _: "") != text
+        ]
         for name, size in sizes.items():
             path, target = self._folder / name, self._target / self._names.replace(name)
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -412,7 +412,7 @@ class _Copy:
 
     def _write_events(self, path: Path, target: Path) -> None:
         with path.open("rb") as file:
-            index = mcap_chunks.scan(file)
+            index = events_file.scan(file)
             specs = {number: spec_of_topic(channel.topic) for number, channel in index.channels.items()}
 
             def change(channel: int, data: bytes) -> bytes:
@@ -422,11 +422,8 @@ class _Copy:
                 return self._names.replace(self._scrub(data).decode("utf-8", "replace")).encode()
 
             beside = tuple(changed_metadata(one, change_metadata) for one in index.beside if one[0] != ATTACHMENT)
-            copy = DiskFile(target)
-            try:
+            with DiskFile(target) as copy:
                 copy_changed(file, replace(index, beside=beside), copy, change)
-            finally:
-                copy.close()
 
     def _changed_message(self, spec: StreamSpec | None, data: bytes) -> bytes:
         text = data.decode("utf-8", "surrogateescape")
@@ -465,15 +462,6 @@ class _Copy:
             find(text)
         return text
 
-    def _named_in_sound(self) -> list[tuple[int, int]]:
-        """Session times at which a name is spoken. In texts of the robot, marks replace the names that it says."""
-        return [
-            sound_span_of(one)
-            for one in spoken(self._session)
-            for text in [f"{one.text}\n{one.heard_text or ''}"]
-            if self._names.named(text) or with_names(text, lambda _: "") != text
-        ]
-
     # Media
 
     def _write_video(self, name: str, path: Path, target: Path, progress: Callable[[float], None]) -> None:
@@ -487,13 +475,8 @@ class _Copy:
         elif not self._people.get(video.camera):
             self._leave_out(name, _NO_PEOPLE)
         else:
-            try:
-                times = read_frame_times(index_path(path))
-            except (OSError, ValueError) as error:
-                _log.info("%s: %s", path, error)
-                times = FrameTimes.none()
             cover_at = partial(self._cover_at, video.camera, self._consents.video)
-            media.covered_video(path, target, times, video.first_stamp_ns, cover_at, progress=progress)
+            media.covered_video(path, target, video.first_stamp_ns, cover_at, progress=progress)
 
     def _write_photo(self, name: str, path: Path, target: Path) -> None:
         photo, covers = self._photos.get(name), list[Cover]()
@@ -502,7 +485,7 @@ class _Copy:
                 self._leave_out(name, _NO_PEOPLE)
                 return
             moments = [
-                self._cover_at(photo.camera, self._consents.photos, photo.stamp_ns + since) for since in _PHOTO_NS
+                self._cover_at(photo.camera, self._consents.photos, photo.stamp_ns + since) for since in media.PHOTO_NS
             ]
             covers = list(filter(None, moments))
 

@@ -7,19 +7,13 @@ from typing import Any
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
 from caris_desktop.recording.measures.session_measures import measure, read_facts
-from caris_desktop.recording.session.answers import LlmUse
+from caris_desktop.recording.session.session_conversation import LlmUse, SpokenUtterance
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance
-from caris_desktop.recording.tables.catalog import key_columns
+from caris_desktop.recording.tables.catalog import key_values
 
 TURNS_BEFORE = 20
 """A turn contains at most so many utterances before it."""
 _EDIT_WITHIN_NS = 5_000_000_000
-
-
-def session_columns(session: Session) -> dict[str, str]:
-    """Session columns that begin every line, so that lines of several sessions can be distinguished."""
-    return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
 
 
 def write_dialogue(session: Session, path: Path) -> int:
@@ -28,11 +22,12 @@ def write_dialogue(session: Session, path: Path) -> int:
     spoken = [utterance for utterance in facts.utterances if utterance.said]
     measures = measure(facts)
     responses, reactions = (
-        {delay.utterance_id: delay.delay_s for delay in delays} for delays in (measures.responses, measures.reactions)
+        {delay.utterance_id: round(delay.delay_s, 4) for delay in delays}
+        for delays in (measures.responses, measures.reactions)
     )
     exchanges = [answer.exchange for answer in facts.answers]
     became: dict[str, LlmUse] = {answer.exchange.exchange_id: answer.use or "unused" for answer in facts.answers}
-    in_view, of_this = _counts_in_view(session), session_columns(session)
+    in_view, of_this = _counts_in_view(session), key_values(session)
     turns, before_ns = 0, -(2**62)
     with path.open("w", encoding="utf-8", errors="replace") as file:
         for utterance in facts.utterances:
@@ -43,7 +38,17 @@ def write_dialogue(session: Session, path: Path) -> int:
                 continue
             known = [other for other in spoken if other is not utterance and _known_at(other, at_ns)]
             preceding = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
-            edited = _edited_answer(utterance.text, at_ns, facts.of(AnswerUsed))
+            edited = any(
+                use.use == "edited"
+                and use.text.strip() == utterance.text.strip()
+                and abs(use.stamp_ns - at_ns) <= _EDIT_WITHIN_NS
+                for use in facts.of(AnswerUsed)
+            )
+            found = {}
+            for camera, (moments, numbers) in in_view.items():
+                index = bisect.bisect_right(moments, at_ns) - 1
+                if index >= 0:
+                    found[camera] = numbers[index]
             line = {
                 **of_this,
                 "turn": turns + 1,
@@ -52,7 +57,7 @@ def write_dialogue(session: Session, path: Path) -> int:
                 "utc": session.clock.utc(at_ns),
                 "context": {
                     "transcript": [_as_heard(session, other, at_ns) for other in known[-TURNS_BEFORE:]],
-                    "people_in_view": _count_at(in_view, at_ns),
+                    "people_in_view": found,
                     "assistant": [_exchange(session, exchange, became[exchange.exchange_id]) for exchange in preceding],
                 },
                 "action": {
@@ -64,10 +69,10 @@ def write_dialogue(session: Session, path: Path) -> int:
                     "state": utterance.state,
                     "said": utterance.said,
                 },
-                "response_time_s": _rounded(responses.get(utterance.utterance_id)),
-                "wizard_reaction_time_s": _rounded(reactions.get(utterance.utterance_id)),
+                "response_time_s": responses.get(utterance.utterance_id),
+                "wizard_reaction_time_s": reactions.get(utterance.utterance_id),
             }
-            file.write(_line(line))
+            file.write(json.dumps(line, ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n")
             turns, before_ns = turns + 1, at_ns
     return turns
 
@@ -109,13 +114,6 @@ def _exchange(session: Session, exchange: LlmExchange, use: LlmUse) -> dict[str,
     }
 
 
-def _edited_answer(text: str, at_ns: int, uses: list[AnswerUsed]) -> bool:
-    return any(
-        use.use == "edited" and use.text.strip() == text.strip() and abs(use.stamp_ns - at_ns) <= _EDIT_WITHIN_NS
-        for use in uses
-    )
-
-
 def _counts_in_view(session: Session) -> dict[str, tuple[list[int], list[int]]]:
     """Times and numbers of people per camera, at each change."""
     counts: dict[str, tuple[list[int], list[int]]] = {}
@@ -127,22 +125,5 @@ def _counts_in_view(session: Session) -> dict[str, tuple[list[int], list[int]]]:
     return counts
 
 
-def _count_at(counts: dict[str, tuple[list[int], list[int]]], at_ns: int) -> dict[str, int]:
-    found = {}
-    for camera, (moments, numbers) in counts.items():
-        index = bisect.bisect_right(moments, at_ns) - 1
-        if index >= 0:
-            found[camera] = numbers[index]
-    return found
-
-
 def _seconds(session: Session, stamp_ns: int | None) -> float | None:
     return None if stamp_ns is None else round(session.clock.session_s(stamp_ns), 4)
-
-
-def _rounded(seconds: float | None) -> float | None:
-    return None if seconds is None else round(seconds, 4)
-
-
-def _line(value: dict[str, Any]) -> str:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n"

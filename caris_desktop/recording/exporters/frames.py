@@ -17,8 +17,9 @@ from caris_desktop.recording.exporters.dialogue import TURNS_BEFORE, write_dialo
 from caris_desktop.recording.exporters.exported_pictures import Pace, camera_file_name, picture_of
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.robot_clock_mapping import robot_clock
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.media_files import free_name
+from caris_desktop.recording.session.robot_clock_mapping import clock_summary
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
 
@@ -66,12 +67,10 @@ def write_frames(session: Session, out: Path, context: ExportContext) -> list[Pa
     turns_path = out / "dialogue" / "turns.jsonl"
     turns_path.parent.mkdir()
     turns = write_dialogue(session, turns_path)
-    summary = robot_clock(session).summary(
-        utc_ns_at=session.clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
-    )
     readme = write_page(
-        out / "README.md", "training.md.j2", session=session, robot_clock=summary, yolo=yolo, yolo_hz=YOLO_HZ, mot=mot,
-        mot_hz=MOT_HZ, missing=missing, driving=driving, lerobot=lerobot, turns=turns, turns_before=TURNS_BEFORE,
+        out / "README.md", "training.md.j2", session=session, robot_clock=clock_summary(session), yolo=yolo,
+        yolo_hz=YOLO_HZ, mot=mot, mot_hz=MOT_HZ, missing=missing, driving=driving, lerobot=lerobot, turns=turns,
+        turns_before=TURNS_BEFORE,
     )  # fmt: skip
     return [readme, *paths, *driving.paths, turns_path]
 
@@ -138,20 +137,14 @@ def _write_images(
                     path = out / "yolo" / "images" / part / f"{camera_file_name(camera)}-{len(yolo) + 1:06d}.jpg"
                 else:
                     key = camera, width_px, height_px
-                    folder = sequences.setdefault(key, _free_folder(out / "mot", camera, mot))
+                    name = free_name(camera_file_name(camera), "-machine-made", lambda name: out / "mot" / name in mot)
+                    folder = sequences.setdefault(key, out / "mot" / name)
                     images = mot.setdefault(folder, [])
                     path = folder / "img1" / f"{len(images) + 1:06d}.jpg"
                     path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(jpeg)
                 images.append(_Image(path, width_px, height_px, people, boxes))
     return yolo, mot, missing
-
-
-def _free_folder(mot: Path, camera: str, taken: Iterable[Path]) -> Path:
-    name, number = f"{camera_file_name(camera)}-machine-made", 2
-    while mot / name in taken:
-        name, number = f"{camera_file_name(camera)}-{number}-machine-made", number + 1
-    return mot / name
 
 
 def _detections(people: People, image_bgr: NDArray[np.uint8]) -> tuple[_Box, ...]:

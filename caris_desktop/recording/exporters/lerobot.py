@@ -24,17 +24,16 @@ from caris_desktop.domain.sensing import HeadState, LaserScan, Odometry, People,
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.exporters.dialogue import session_columns
 from caris_desktop.recording.exporters.exported_pictures import camera_file_name
-from caris_desktop.recording.recorder.video_encoders import x264
-from caris_desktop.recording.recorder.video_writer import KEY_FRAME_EVERY_S
+from caris_desktop.recording.recorder.video_writer import KEY_FRAME_EVERY_S, x264
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_data import SessionData, read_data
-from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import COMMAND_HOLDS_S
 from caris_desktop.recording.session_export import attempt
-from caris_desktop.recording.tables.catalog import plain_text
+from caris_desktop.recording.tables.catalog import key_values, plain_text
 
 _log = logging.getLogger(__name__)
 MAX_AGE_S = 1.0
@@ -142,7 +141,9 @@ def _layout_of(session: Session) -> _Layout:
             # Not all of them: a damaged video has no frame that can be decoded.
             pictures = (videos.frame(camera, number) for number in range(len(stamps_ns))[:50])
             if (first := next((picture for picture in pictures if picture is not None), None)) is not None:
-                sizes_px[key] = _size_px(first.image_bgr)
+                height_px, width_px = first.image_bgr.shape[:2]
+                scale = min(1.0, PICTURE_WIDTH_PX / width_px)
+                sizes_px[key] = max(2, round(width_px * scale) // 2 * 2), max(2, round(height_px * scale) // 2 * 2)
     fps = max(1, round(max(rates_hz, default=FPS_WITHOUT_CAMERA)))
     scan = next((scan for _, scan in session.values("scan") if len(scan.ranges_m)), None)
     return _Layout(fps, sizes_px, scan, round(session.duration_s * fps))
@@ -165,13 +166,6 @@ def _keys_of(cameras: Iterable[str]) -> dict[str, str]:
         key = f"observation.images.{camera_file_name(camera)}"
         keys[f"{key}-{len(keys) + 1}" if key in keys else key] = camera
     return keys
-
-
-def _size_px(image_bgr: NDArray[np.uint8]) -> tuple[int, int]:
-    """Width and height of a video: even, and no wider than PICTURE_WIDTH_PX."""
-    height_px, width_px = image_bgr.shape[:2]
-    scale = min(1.0, PICTURE_WIDTH_PX / width_px)
-    return max(2, round(width_px * scale) // 2 * 2), max(2, round(height_px * scale) // 2 * 2)
 
 
 def _episodes(data: SessionData, fps: int) -> Iterator[tuple[int, int]]:
@@ -481,13 +475,19 @@ class _Frames:
             scan, age_s = situation.newest(LaserScan, at_ns)
             values["observation.environment_state"] = _ranges_m(scan, self._layout.scan)
             ages_s.append(age_s)
+        # Title of the step, else what a participant said last, else nothing.
+        said = bisect_right(self._heard, at_ns, key=lambda each: each[0])
+        heard = self._heard[said - 1][1] if said else ""
         values |= {
             "observed": np.array([age_s is not None for age_s in ages_s]),
             "age_s": np.array([age_s or 0.0 for age_s in ages_s], np.float32),
             "session_s": self._session.clock.session_s(at_ns),
             "people_in_map": situation.json_of(PeopleInMap, at_ns),
             "people_in_view": situation.json_of(People, at_ns),
-            "task_index": self.tasks.setdefault(self._task(at_ns), len(self.tasks)),
+            "task_index": self.tasks.setdefault(
+                plain_text(next((step.title for step in self._steps if step.start_ns <= at_ns < step.end_ns), heard)),
+                len(self.tasks),
+            ),
         }
         situation.advance(end_ns)
         command, _ = situation.newest(CommandSent, end_ns, COMMAND_HOLDS_S)
@@ -497,16 +497,9 @@ class _Frames:
         values["action"] = np.array([*astuple(twist), *angles_rad], np.float32)
         return values | {"command_source": "none" if command is None else command.source}
 
-    def _task(self, at_ns: int) -> str:
-        """Title of the step, else what a participant said last, else nothing."""
-        said = bisect_right(self._heard, at_ns, key=lambda each: each[0])
-        heard = self._heard[said - 1][1] if said else ""
-        return plain_text(next((step.title for step in self._steps if step.start_ns <= at_ns < step.end_ns), heard))
-
     def about_episode(self, start_ns: int) -> dict[str, Any]:
         clock = self._session.clock
-        about: dict[str, Any] = dict(session_columns(self._session))
-        return about | {"start_s": clock.session_s(start_ns), "start_utc": clock.utc(start_ns)}
+        return key_values(self._session) | {"start_s": clock.session_s(start_ns), "start_utc": clock.utc(start_ns)}
 
 
 def _features(layout: _Layout) -> dict[str, Any]:

@@ -17,19 +17,14 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
     paths = copy_tables(session, out, context.progress, context.warn, context.tables)
     if context.licence:
         for path in paths:
-            _license(path, plain_text(context.licence))
+            import pyarrow.parquet as pq
+
+            unlicensed = path.rename(path.with_suffix(".part"))
+            with pq.ParquetFile(unlicensed) as file:
+                schema = file.schema_arrow
+                schema = schema.with_metadata({**schema.metadata, b"licence": plain_text(context.licence)})
+                with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+                    for number in range(file.num_row_groups):
+                        writer.write_table(file.read_row_group(number).replace_schema_metadata(schema.metadata))
+            unlicensed.unlink()
     return paths
-
-
-def _license(path: Path, licence: str) -> None:
-    """Write the licence into a file's metadata."""
-    import pyarrow.parquet as pq
-
-    unlicensed = path.rename(path.with_suffix(".part"))
-    with pq.ParquetFile(unlicensed) as file:
-        schema = file.schema_arrow
-        schema = schema.with_metadata({**schema.metadata, b"licence": licence})
-        with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-            for number in range(file.num_row_groups):
-                writer.write_table(file.read_row_group(number).replace_schema_metadata(schema.metadata))
-    unlicensed.unlink()

@@ -5,7 +5,6 @@ writer is not used: it copies files unchanged, where these are checked and pseud
 twice, for three more dependencies.
 """
 
-import dataclasses
 import hashlib
 import json
 import re
@@ -26,9 +25,10 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.anonymising.pseudonymous_copy import CopiedFile, copy_session
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.session.events_file import read_index
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.mcap_chunks import read_index
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.study_file import CITATION_NAME, StudyFile, write_citation
 from caris_desktop.recording.tables.catalog import tables_of
@@ -240,12 +240,16 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity, study: Stud
     folder_id = f"{quote(folder)}/"
     of_session = [file for file in packed if file.name.startswith(f"{folder}/")]
     others = [file for file in packed if file not in of_session]
-    properties = [_property(name, trial[name]) for name in _TOLD_OF_TRIAL if trial.get(name)]
+    properties = [
+        {"@id": f"#trial-{name}", "@type": "PropertyValue", "name": name, "value": trial[name]}
+        for name in _TOLD_OF_TRIAL
+        if trial.get(name)
+    ]
     participant = trial.get("participant", "")
     root: Entity = {
         "@id": "./",
         "@type": "Dataset",
-        "name": _title(session),
+        "name": f"Session {folder}" + (f" of the study {trial['study']}" if trial.get("study") else ""),
         "description": _about(session, of_session),
         "datePublished": now,
         "dateCreated": started,
@@ -328,7 +332,8 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity, study: Stud
 
 def _study_entities(study: StudyFile, year: int) -> tuple[Entity, list[Entity]]:
     """Properties of the crate from the study file, and the entities that they refer to."""
-    institutes = {name: f"#affiliation-{number}" for number, name in enumerate(_affiliations(study), start=1)}
+    names = dict.fromkeys(author.affiliation for author in study.authors if author.affiliation)
+    institutes = {name: f"#affiliation-{number}" for number, name in enumerate(names, start=1)}
     authors = [
         {
             "@id": author.orcid_url or f"#author-{number}",
@@ -351,10 +356,6 @@ def _study_entities(study: StudyFile, year: int) -> tuple[Entity, list[Entity]]:
         "creditText": study.citation(year),
     }
     return {name: value for name, value in properties.items() if value}, [*authors, *organisations, *grants]
-
-
-def _affiliations(study: StudyFile) -> list[str]:
-    return list(dict.fromkeys(author.affiliation for author in study.authors if author.affiliation))
 
 
 def _file(file: _Packed) -> Entity:
@@ -382,15 +383,6 @@ def _software(version: str) -> Entity:
         "softwareVersion": version,
         "description": "Operator console for Wizard-of-Oz studies with mobile robots.",
     }
-
-
-def _property(name: str, value: str) -> Entity:
-    return {"@id": f"#trial-{name}", "@type": "PropertyValue", "name": name, "value": value}
-
-
-def _title(session: Session) -> str:
-    study = session.trial.get("study", "")
-    return f"Session {_folder_name(session)}" + (f" of the study {study}" if study else "")
 
 
 def _about(session: Session, files: list[_Packed]) -> str:
@@ -438,18 +430,8 @@ def _how_it_ended(session: Session) -> str:
     return words.get(session.reason, "It was cut off.") if session.closed_properly else "It was cut off."
 
 
-class _Preview(Value):
-    """Content of the preview page."""
-
-    name: str
-    description: str
-    facts: list[tuple[str, str]]
-    licence: Entity
-    licence_is_link: bool
-    files: list[dict[str, str]]
-
-
 def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:
+    """Content of the preview page."""
     entities = {entity["@id"]: entity for entity in graph}
     root, recording = entities["./"], entities["#recording"]
     licence = entities[root["license"]["@id"]]
@@ -477,7 +459,10 @@ def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:
         for file in packed
     ]
     linked = str(licence.get("url", "")).startswith(("https://", "http://"))
-    return dataclasses.asdict(_Preview(root["name"], root["description"], facts, licence, linked, files))
+    return {
+        "name": root["name"], "description": root["description"], "facts": facts, "licence": licence,
+        "licence_is_link": linked, "files": files,
+    }  # fmt: skip
 
 
 def _size(count: int) -> str:

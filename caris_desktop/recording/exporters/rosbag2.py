@@ -13,12 +13,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
-from caris_desktop.domain.foxglove import BASE, MAP
+from caris_desktop.domain.foxglove import BASE, MAP, optical_frame
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
@@ -40,11 +41,11 @@ from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, p
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
-from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
-from caris_desktop.recording.session.scenario_text import parsed_yaml
+from caris_desktop.recording.session.robot_clock_mapping import RobotClock, clock_summary, robot_clock
+from caris_desktop.recording.session.session_protocol import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.ros import message_conversion, navigation_messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.message_fields import Message, encode_header, encode_pose
 
@@ -105,7 +106,14 @@ def write_rosbag2(
             velocity_type=_imported_velocity_type(session),
             image_hz=image_hz,
         )
-        bags.write(SESSION, session.clock.anchor.utc_ns_at(session.started_ns), {"data": _session_json(session)})
+        fields = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
+        header = session.header.to_json()
+        head = {name: header[name] for name in fields if name in header}
+        bags.write(
+            SESSION,
+            session.clock.anchor.utc_ns_at(session.started_ns),
+            {"data": json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)},
+        )
         duration_ns = max(1, session.ended_ns - session.started_ns)
         for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
             at_utc_ns = session.clock.anchor.utc_ns_at(arrival_ns)
@@ -126,13 +134,10 @@ def write_rosbag2(
             "%n message(s) were skipped: their times or numbers are out of range for ROS.", "", bags.left_out
         )
         context.warn(warning)
-    summary = clock.summary(
-        utc_ns_at=session.clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
-    )
-    topics = dict(sorted(bags.topics.items(), key=lambda item: item[0].name))
+    topics = dict(sorted(bags.counts.items(), key=lambda item: item[0].name))
     readme = write_page(
-        out / "README.md", "rosbag2.md.j2", session=session, robot_clock=summary, topics=topics, moments=moments,
-        image_hz=image_hz,
+        out / "README.md", "rosbag2.md.j2", session=session, robot_clock=clock_summary(session), topics=topics,
+        moments=moments, image_hz=image_hz,
     )  # fmt: skip
     return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]
 
@@ -160,17 +165,6 @@ class _Moments:
 
 
 VelocityType = Literal["Twist", "TwistStamped"]
-
-
-def velocity_type(event: RobotChosen) -> VelocityType:
-    """Data from a recorded robot profile, which need not be installed any more.
-
-    Type of the velocity message; the common one if the profile lacks it.
-    """
-    profile = parsed_yaml(event.profile, "robot profile")
-    velocity = profile.get("velocity") if isinstance(profile, dict) else None
-    stamped = isinstance(velocity, dict) and velocity.get("type") == "TwistStamped"
-    return "TwistStamped" if stamped else "Twist"
 
 
 class _Translator:
@@ -201,15 +195,14 @@ class _Translator:
             LaserScan: self._scan,
             Odometry: self._odometry_and_tf,
             RobotPose: self._pose,
-            OccupancyGrid: lambda grid, at_ns: _one(
-                GRID, message_conversion.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)
+            OccupancyGrid: lambda grid, at_ns: iter(
+                ((GRID, message_conversion.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)),)
             ),
-            PlannedPath: lambda path, at_ns: _one(
-                PATH, navigation_messages.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)
+            PlannedPath: lambda path, at_ns: iter(
+                ((PATH, message_conversion.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)),)
             ),
             BatteryState: self._battery,
             CommandSent: self._command,
-            RobotChosen: self._robot,
             GoalChanged: self._goal,
             CameraLens: self._lens,
             FrameRef: self._image,
@@ -219,6 +212,12 @@ class _Translator:
         }
 
     def messages(self, spec: StreamSpec, value: Any, arrival_ns: int) -> _Out:
+        if isinstance(value, RobotChosen):
+            # From the recorded robot profile, which need not be installed any more.
+            profile = parsed_yaml(value.profile, "robot profile")
+            velocity = profile.get("velocity") if isinstance(profile, dict) else None
+            stamped = isinstance(velocity, dict) and velocity.get("type") == "TwistStamped"
+            self._velocity_type = "TwistStamped" if stamped else "Twist"
         translate = self._by_type.get(type(value))
         if translate is not None:
             yield from translate(value, self._moments.utc_ns(value, arrival_ns))
@@ -229,7 +228,10 @@ class _Translator:
     def _scan(self, scan: LaserScan, at_ns: int) -> _Out:
         frame = scan.frame_id.lstrip("/") or "laser"
         if frame != BASE and scan.robot_from_laser is not None:
-            yield from self._fixed(frame, _transform(BASE, frame, scan.robot_from_laser, at_ns=at_ns))
+            (transform,) = message_conversion.encode_tf_message(
+                _PLAIN, [(BASE, frame, scan.robot_from_laser)], stamp_ns=at_ns
+            )["transforms"]
+            yield from self._fixed(frame, dict(transform))
         message = message_conversion.encode_laser_scan(_PLAIN, scan, stamp_ns=at_ns, scan_time_s=0.0)
         message["header"]["frame_id"] = frame
         yield SCAN, message
@@ -259,10 +261,6 @@ class _Translator:
         unknown = {"power_supply_status": 0, "power_supply_health": 0, "power_supply_technology": 0}
         yield BATTERY, {**message, **unknown, "temperature": math.nan}
 
-    def _robot(self, robot: RobotChosen, _at_ns: int) -> _Out:
-        self._velocity_type = velocity_type(robot)
-        yield from ()
-
     def _command(self, command: CommandSent, at_ns: int) -> _Out:
         """Command in the robot's message type. Two types on one topic break its playback, so that a second type gets
         its own topic.
@@ -280,7 +278,7 @@ class _Translator:
             yield GOAL, message_conversion.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
 
     def _lens(self, lens: CameraLens, at_ns: int) -> _Out:
-        model, frame = lens.model, _camera_frame(self._name_of(lens.camera))
+        model, frame = lens.model, optical_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
         camera_model = message_conversion.Lens(
@@ -313,7 +311,7 @@ class _Translator:
         yield (
             replace(topic, ros=(1,)) if encoded else topic,
             message_conversion.encode_compressed_image(
-                _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
+                _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=optical_frame(name)
             ),
         )
 
@@ -329,7 +327,7 @@ class _Translator:
         # Topic name that image_transport expects for this encoding of /camera/NAME/image.
         topic = RosTopic(f"/camera/{name}/image/foxglove", "foxglove_msgs/msg/CompressedVideo", ros=(2,))
         stamp = encode_time(_PLAIN, at_ns)
-        return topic, {"timestamp": stamp, "frame_id": _camera_frame(name), "data": data, "format": "h264"}
+        return topic, {"timestamp": stamp, "frame_id": optical_frame(name), "data": data, "format": "h264"}
 
     def _people(self, people: PeopleInMap, at_ns: int) -> _Out:
         header = encode_header(_PLAIN, stamp_ns=at_ns, frame_id=MAP)
@@ -405,17 +403,12 @@ class _Packets:
     def __init__(self, frames: Iterator[tuple[RecordedFrame, bytes]]) -> None:
         self._frames = frames
         self._next: tuple[RecordedFrame, bytes] | None = None
-        self._begun = False
-        self._had_any = False
 
-    @property
+    @cached_property
     def exist(self) -> bool:
         """True if there is or was any frame."""
-        if not self._begun:
-            self._begun = True
-            self._next = next(self._frames, None)
-            self._had_any = self._next is not None
-        return self._had_any
+        self._next = next(self._frames, None)
+        return self._next is not None
 
     def until(self, number: int | None) -> Iterator[tuple[RecordedFrame, bytes]]:
         """Frames up to that number, or all remaining ones: a decoder needs each of them."""
@@ -460,11 +453,6 @@ class _Bags:
             self._ros2.abort()
             self._ros1.abort()
 
-    @property
-    def topics(self) -> dict[RosTopic, int]:
-        """Number of messages per topic."""
-        return dict(self.counts)
-
     def write(self, topic: RosTopic, at_utc_ns: int, message: Message) -> None:
         try:
             try:
@@ -484,20 +472,32 @@ class _Bags:
             (self._ros1 if ros == 1 else self._ros2).write(self._connections[topic, ros], at_utc_ns, content)
         self.counts[topic] = self.counts.get(topic, 0) + 1
         if len(self._ros1.chunks) > self._chunks + 1:
-            self._forget_written_chunks()
+            # Drop the message offsets of written chunks, of which the writer needs only the counts.
+            for chunk in self._ros1.chunks[self._chunks : -1]:
+                chunk.connections = {number: range(len(places)) for number, places in chunk.connections.items()}  # type: ignore[misc]
+            self._chunks = len(self._ros1.chunks) - 1
 
     def _connect(self, topic: RosTopic, ros: Ros) -> Any:
         if ros == 1:
             latching = 1 if topic.latched else None
             return self._ros1.add_connection(topic.name, topic.type, typestore=typestore(1), latching=latching)
-        quality = [_quality(latched=topic.latched)]
-        return self._ros2.add_connection(topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=quality)
+        from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-    def _forget_written_chunks(self) -> None:
-        """Drop the message offsets of written chunks, of which the writer needs only the counts."""
-        for chunk in self._ros1.chunks[self._chunks : -1]:
-            chunk.connections = {number: range(len(places)) for number, places in chunk.connections.items()}  # type: ignore[misc]
-        self._chunks = len(self._ros1.chunks) - 1
+        forever = QosTime(0, 0)
+        quality = [
+            Qos(
+                history=QosHistory.KEEP_LAST,
+                depth=1 if topic.latched else 10,
+                reliability=QosReliability.RELIABLE,
+                durability=QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE,
+                deadline=forever,
+                lifespan=forever,
+                liveliness=QosLiveliness.AUTOMATIC,
+                liveliness_lease_duration=forever,
+                avoid_ros_namespace_conventions=False,
+            )
+        ]
+        return self._ros2.add_connection(topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=quality)
 
 
 def _lz4_for_ros(chunk: bytes) -> bytes:
@@ -528,23 +528,6 @@ def _encodable(value: Any) -> Any:
     return [_encodable(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def _quality(*, latched: bool) -> Any:
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-
-    forever = QosTime(0, 0)
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=1 if latched else 10,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=forever,
-        lifespan=forever,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=forever,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
 def _imported_velocity_type(session: Session) -> VelocityType:
     """Velocity type of the bag that the session was imported from; sessions of a robot have it in the profile."""
     topics = session.header.source.get("topics")
@@ -555,18 +538,6 @@ def _imported_velocity_type(session: Session) -> VelocityType:
         for topic in (topics if isinstance(topics, list) else ())
     )
     return "TwistStamped" if stamped else "Twist"
-
-
-def _one(topic: RosTopic, message: Message) -> _Out:
-    yield topic, message
-
-
-def _session_json(session: Session) -> str:
-    """Session header without paths and network addresses."""
-    fields = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
-    header = session.header.to_json()
-    head = {name: header[name] for name in fields if name in header}
-    return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
 
 
 def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D:
@@ -582,11 +553,6 @@ def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D:
         before.y_m + share * (after.y_m - before.y_m),
         before.heading_rad + share * math.remainder(after.heading_rad - before.heading_rad, 2.0 * math.pi),
     )
-
-
-def _transform(parent: str, child: str, pose: Pose2D, *, at_ns: int) -> Message:
-    (transform,) = message_conversion.encode_tf_message(_PLAIN, [(parent, child, pose)], stamp_ns=at_ns)["transforms"]
-    return dict(transform)
 
 
 def _camera_transform(model: CameraModel, frame: str, *, at_ns: int) -> Message:
@@ -612,7 +578,3 @@ def _ros_name(camera: str) -> str:
     """Part of a topic name: letters, digits and underscores, no leading digit."""
     plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in camera).strip("_")
     return plain if plain and not plain[0].isdigit() else f"camera_{plain}"
-
-
-def _camera_frame(ros_name: str) -> str:
-    return f"{ros_name}_optical_frame"

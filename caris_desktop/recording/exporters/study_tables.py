@@ -1,12 +1,13 @@
-"""Study tables: one tidy set over all sessions of a study, with codebook, R script and notebook."""
+"""Study tables: one tidy set over all sessions of a study, with codebook, R script and notebook, and SPSS files."""
 
+import importlib.util
 import itertools
 import json
 import logging
 import re
 import shutil
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,25 +20,128 @@ from caris_desktop.recording.annotation.coder_agreement import UNNAMED, compare_
 from caris_desktop.recording.data_dictionary import (
     DICTIONARY_TABLE,
     MEASURES_TABLE,
+    allowed_values,
     dictionary_columns,
     measure_rows,
 )
-from caris_desktop.recording.exporters import spss
 from caris_desktop.recording.exporters.csv import csv_of
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS, Measure
 from caris_desktop.recording.measures.measure_plugins import PLUGIN_TABLE, plugin_measures, plugin_values
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies.study_index import copies_among
 from caris_desktop.recording.table_files import ParquetTables, copy_tables
 from caris_desktop.recording.tables.build import DERIVED_TABLES, all_tables, table_sql
-from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, plain_text, unit_of
+from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, key_values, unit_of
+
+_MOST_TEXT_BYTES = 4_000
+"""Longer texts are cut off: all cells of a column have the width of its longest one."""
+_MOST_LABEL_BYTES = 255
+_NOTE_LINE = 70
+_RESERVED = frozenset(["all", "and", "by", "eq", "ge", "gt", "le", "lt", "ne", "not", "or", "to", "with"])
+_NUMBERS = ("integer", "number")
+
+
+def write_tables(parquet: Path, out: Path, tables: Iterable[Table], notify: Callable[[str], None]) -> bool:
+    """Write one file for each of these tables, from its Parquet file; False if the packages for it are missing.
+
+    Raises OSError.
+    """
+    if not all(map(importlib.util.find_spec, ("pyreadstat", "pandas"))):
+        notify(
+            QT_TR_NOOP(
+                "The study tables have no SPSS files: the packages pyreadstat and pandas are not installed. Install "
+                "them with pip install 'caris-desktop[spss]', and export again. CSV and Parquet files are complete."
+            )
+        )
+        return False
+    import pyreadstat
+
+    out.mkdir()
+    for table in tables:
+        columns = table.columns
+        pyreadstat.write_sav(
+            _frame(parquet / f"{table.name}.parquet", columns),
+            out / f"{table.name}.sav",
+            file_label=table.name,
+            note=textwrap.wrap(table.description, _NOTE_LINE),
+            row_compress=True,
+            column_labels={_name(column): _label(column) for column in columns},
+            variable_value_labels={
+                _name(column): {code: value for value, code in codes.items()}
+                for column in columns
+                if (codes := _codes(column))
+            },
+            variable_measure={_name(column): _level(column) for column in columns},
+        )
+    return True
+
+
+def about(column: Column) -> dict[str, Any]:
+    """Name, codes and measurement level of the variable that a column becomes."""
+    return {"name": _name(column), "codes": _codes(column), "level": _level(column)}
+
+
+def _name(column: Column) -> str:
+    """Name that SPSS accepts: it reserves some words."""
+    return f"{column.name}_" if column.name.casefold() in _RESERVED else column.name
+
+
+def _label(column: Column) -> str:
+    unit = f" [{column.unit}]" if column.unit else ""
+    text = column.description.encode()[: _MOST_LABEL_BYTES - len(unit.encode())].decode(errors="ignore")
+    return f"{text}{unit}"
+
+
+def _codes(column: Column) -> dict[str, float]:
+    """Number of each allowed value; true is 1, false is 0. Numbers are their own."""
+    if column.kind in _NUMBERS:
+        return {value: float(value) for value in column.values}
+    if column.kind == "true or false":
+        return {"false": 0.0, "true": 1.0}
+    return {value: float(code) for code, value in enumerate(allowed_values(column), start=1)}
+
+
+def _level(column: Column) -> str:
+    return "scale" if column.kind in (*_NUMBERS, "utc") else "nominal"
+
+
+def _frame(path: Path, columns: tuple[Column, ...]) -> Any:
+    import pandas as pd
+    import pyarrow.parquet as pq
+
+    rows = pq.read_table(path)
+    cells = {}
+    for column in columns:
+        values = rows.column(column.name)
+        if column.kind == "utc":
+            cells[_name(column)] = values.to_pandas().dt.tz_localize(None)
+        elif column.kind in _NUMBERS:
+            cells[_name(column)] = values.to_pandas().astype("float64")
+        elif codes := _codes(column):
+            coded = (codes.get(_text(value)) for value in values.to_pylist())
+            cells[_name(column)] = pd.Series(list(coded), dtype="float64")
+        else:
+            texts = [_text(value).encode()[:_MOST_TEXT_BYTES].decode(errors="ignore") for value in values.to_pylist()]
+            cells[_name(column)] = pd.Series(texts, dtype="object")
+    return pd.DataFrame(cells)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return (
+        ";".join(map(str, value)) if isinstance(value, list) else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")
+    )
+
 
 _log = logging.getLogger(__name__)
-_ROWS_AT_ONCE = 5_000
 _FORMAT, _FORMAT_VERSION = "caris-desktop study tables", 1
 
 
@@ -50,7 +154,16 @@ def write_tables_of_study(sessions: Sequence[Session], out: Path, context: Expor
     SessionError
         If no session could be read.
     """
-    sessions = _without_copies(sessions, context)
+    copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
+    for name, original in copies.items():
+        context.notify(
+            localized(
+                QT_TR_NOOP("{session} is a copy of {original} and is not counted again."),
+                session=name,
+                original=original,
+            )
+        )
+    sessions = [one for one in sessions if one.folder.name not in copies]
     with _StudyTables(out, context) as study:
 
         def add(session: Session) -> None:
@@ -61,19 +174,6 @@ def write_tables_of_study(sessions: Sequence[Session], out: Path, context: Expor
     if not added:
         raise SessionError(QT_TR_NOOP("No session could be read, so there are no study tables."))
     return study.finish(added)
-
-
-def _without_copies(sessions: Sequence[Session], context: ExportContext) -> list[Session]:
-    copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
-    for name, original in copies.items():
-        context.notify(
-            localized(
-                QT_TR_NOOP("{session} is a copy of {original} and is not counted again."),
-                session=name,
-                original=original,
-            )
-        )
-    return [one for one in sessions if one.folder.name not in copies]
 
 
 class _StudyTables:
@@ -90,8 +190,7 @@ class _StudyTables:
         self._about = {"program_version": __version__, "licence": context.licence}
         self._tables: dict[str, Table] = {}
         self._rows: dict[str, int] = {}
-        self._writers: dict[str, Any] = {}
-        self._open = ExitStack()
+        self._files = ParquetTables(self._parquet, self._about)
         self._plugins = plugin_measures(context.warn)
         self._plugin_values: list[tuple[str, str, float]] = []
 
@@ -99,7 +198,7 @@ class _StudyTables:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        self._files.__exit__()
         shutil.rmtree(self._part, ignore_errors=True)
 
     def add(self, session: Session, progress: Callable[[float], None]) -> None:
@@ -110,8 +209,10 @@ class _StudyTables:
         for path in copy_tables(session, self._part, progress, self._context.warn):
             if path.stem != DICTIONARY_TABLE.name:
                 table = all_tables()[path.stem]
-                self._tables.setdefault(table.name, Table(table.name, table.description, (*whose, *table.columns)))
-                self._append(path)
+                table = self._tables.setdefault(
+                    path.stem, Table(table.name, table.description, (*whose, *table.columns))
+                )
+                self._rows[table.name] = self._rows.get(table.name, 0) + self._files.append(table, path)
         name = session.folder.name
 
         def warn(failure: str) -> None:
@@ -119,21 +220,6 @@ class _StudyTables:
 
         values = plugin_values(self._plugins, session.folder, self._context.pseudonyms, warn)
         self._plugin_values += [(name, *value) for value in values.items()]
-
-    def _append(self, path: Path) -> None:
-        """Append the rows of a session's table."""
-        import pyarrow.parquet as pq
-
-        name = path.stem
-        with pq.ParquetFile(path) as part:
-            if name not in self._writers:
-                about = {**self._about, "description": self._tables[name].description}
-                schema = part.schema_arrow.with_metadata({key: plain_text(value) for key, value in about.items()})
-                writer = pq.ParquetWriter(self._parquet / path.name, schema, compression="zstd")
-                self._writers[name] = self._open.enter_context(writer)
-            for rows in part.iter_batches(_ROWS_AT_ONCE):
-                self._writers[name].write_batch(rows)
-            self._rows[name] = self._rows.get(name, 0) + part.metadata.num_rows
 
     def finish(self, sessions: Sequence[Session]) -> list[Path]:
         """Write what is computed from all sessions, and the descriptions; return all files."""
@@ -156,7 +242,7 @@ class _StudyTables:
             for table in self._tables.values()
             if table.name.startswith("event_") or table in (one for one, _ in computed) or table.name in _DERIVED
         ]
-        in_spss = spss.write_tables(self._parquet, self._out / "spss", of_events, self._context.notify)
+        in_spss = write_tables(self._parquet, self._out / "spss", of_events, self._context.notify)
         codebook = self._codebook(sessions, in_spss)
         (self._out / "codebook.json").write_text(json.dumps(codebook, indent=1, ensure_ascii=False), encoding="utf-8")
         plain = self._context.csv.plain
@@ -181,7 +267,7 @@ class _StudyTables:
                 entry |= {name: measure.get(name, "") for name in ("formula", "reference")}
                 entry["values"] = list(column.values)
                 if in_spss:
-                    entry["spss"] = spss.about(column)
+                    entry["spss"] = about(column)
                 columns.append(entry)
             tables.append(
                 {
@@ -221,10 +307,6 @@ _Computed = tuple[Table, list[tuple[Any, ...]]]
 
 def _column(name: str, kind: Kind, description: str, empty: str = "") -> Column:
     return Column(name, unit_of(name), kind, description, lambda row, _: row, empty=empty)
-
-
-def _keys_of(session: Session) -> tuple[str, ...]:
-    return tuple(column.read(None, None) for column in key_columns(session))  # type: ignore[arg-type] # constants
 
 
 def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequence[tuple[str, str, float]]) -> _Computed:
@@ -278,7 +360,7 @@ def _by_coder(coded: Coded) -> _Computed:
     coders = sorted({tier.coder for _, document in coded for tier in document.tiers})
     rows = []
     for session, document in coded:
-        keys = _keys_of(session)
+        keys = key_values(session).values()
         for tier in dict.fromkeys(tier.name for tier in document.tiers):
             of_coder = {one.coder: document.of_tier(one.tier_id) for one in document.tiers if one.name == tier}
             bounds_ms = sorted(
@@ -332,12 +414,13 @@ def _agreement(coded: Coded) -> _Computed:
         except AnnotationError as error:
             _log.info("%s: %s", session.folder.name, error)
             continue
+        keys = key_values(session).values()
         for result in results:
             for pair in result.pairs:
                 items, units, offsets = pair.per_annotation, pair.per_unit, pair.offsets
                 rows.append((
-                    *_keys_of(session), pair.tier, *pair.coders, len(result.coders), result.alpha, pair.unit_ms,
-                    units.count, units.kappa, units.observed, pair.tolerance_ms, items.count,
+                    *keys, pair.tier, *pair.coders, len(result.coders), result.alpha, pair.unit_ms, units.count,
+                    units.kappa, units.observed, pair.tolerance_ms, items.count,
                     0 if offsets is None else offsets.matched, items.kappa, items.observed,
                     *((None, None) if offsets is None else (offsets.start_mean_ms, offsets.end_mean_ms)),
                 ))  # fmt: skip

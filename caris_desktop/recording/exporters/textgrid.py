@@ -3,41 +3,21 @@
 The long text format of https://www.fon.hum.uva.nl/praat/manual/TextGrid_file_formats.html, in UTF-8.
 """
 
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path, PurePath
 
-from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import shown_names
 from caris_desktop.recording.session.session_data import SessionData, read_data
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.recording.tables.catalog import plain_text
+from caris_desktop.recording.tables.catalog import one_line
 
 FILE_NAME = "session.TextGrid"
 _MARKS_TIER = "Moments of marks"
-
-
-class _Interval(Value):
-    """Interval in whole microseconds."""
-
-    start_us: int
-    end_us: int
-    text: str
-
-
-class _Tiers(Value):
-    """All tiers to write, in microseconds from the session start."""
-
-    intervals: tuple[tuple[str, list[_Interval]], ...]
-    moments: list[tuple[int, str]]
-
-
-class _Span(Value):
-    """Time range of one TextGrid: ``whole_us`` from ``first_us`` of the session."""
-
-    file_name: str
-    first_us: int
-    whole_us: int
+_Interval = tuple[int, int, str]
+"""Start and end in whole microseconds, and the text."""
 
 
 def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[Path]:
@@ -52,30 +32,25 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
     record = tiers_of(data)
     coded = coding_of(session, on_damaged=context.warn)
     names = shown_names((*record.tiers, *coded.tiers))
-    tiers = _Tiers(
-        tuple(
-            (
-                names[tier.tier_id],
-                [
-                    _Interval(one.start_ms * 1000, one.end_ms * 1000, one.value)
-                    for one in document.of_tier(tier.tier_id)
-                ],
-            )
-            for document in (record, coded)
-            for tier in document.tiers
-        ),
-        _moments(data),
-    )
-    ends_us = [interval.end_us for _, intervals in tiers.intervals for interval in intervals]
+    tiers = [
+        (names[tier.tier_id], [(item.start_ms * 1000, item.end_ms * 1000, item.value) for item in items])
+        for document in (record, coded)
+        for tier in document.tiers
+        for items in (document.of_tier(tier.tier_id),)
+    ]
+    moments = _moments(data)
+    ends_us = [end_us for _, intervals in tiers for _, end_us, _ in intervals]
     lasted_us = -(-(session.ended_ns - session.started_ns) // 1000)
-    spans = [_Span(FILE_NAME, 0, max(1, lasted_us, *ends_us)), *_sounds(session)]
-    for span in spans:
-        (out / span.file_name).write_text(_grid(tiers, span), encoding="utf-8", newline="\n")
+    paths = []
+    for name, first_us, whole_us in ((FILE_NAME, 0, max(1, lasted_us, *ends_us)), *_sounds(session)):
+        paths.append(out / name)
+        paths[-1].write_text(_grid(tiers, moments, first_us, whole_us), encoding="utf-8", newline="\n")
     context.progress(1.0)
-    return [out / span.file_name for span in spans]
+    return paths
 
 
-def _sounds(session: Session) -> Iterator[_Span]:
+def _sounds(session: Session) -> Iterator[tuple[str, int, int]]:
+    """Name of the TextGrid of each audio file, its start in session time and its duration in microseconds."""
     taken = {FILE_NAME.casefold()}
     for sound in session.header.audio:
         name = f"{PurePath(sound.file_name).stem}.TextGrid"
@@ -83,23 +58,26 @@ def _sounds(session: Session) -> Iterator[_Span]:
         whole_us = sound.samples * 1_000_000 // max(1, sound.sample_rate_hz)
         if whole_us > 0 and name.casefold() not in taken:
             taken.add(name.casefold())
-            yield _Span(name, first_us, whole_us)
+            yield name, first_us, whole_us
 
 
-def _grid(tiers: _Tiers, span: _Span) -> str:
-    whole_us = span.whole_us
+def _grid(
+    tiers: Sequence[tuple[str, Sequence[_Interval]]], moments: Sequence[tuple[int, str]], first_us: int, whole_us: int
+) -> str:
+    """TextGrid of ``whole_us`` from ``first_us`` of the session."""
     written = [
         _interval_tier(
-            name,
-            [_Interval(one.start_us - span.first_us, one.end_us - span.first_us, one.text) for one in intervals],
-            whole_us,
+            name, [(start_us - first_us, end_us - first_us, text) for start_us, end_us, text in intervals], whole_us
         )
-        for name, intervals in tiers.intervals
+        for name, intervals in tiers
     ]
-    moments = [(at_us - span.first_us, text) for at_us, text in tiers.moments]
-    moments = [(at_us, text) for at_us, text in moments if 0 <= at_us <= whole_us]
-    if moments:
-        written.append(_moments_tier(moments, whole_us))
+    inside = [(at_us - first_us, text) for at_us, text in moments if 0 <= at_us - first_us <= whole_us]
+    if inside:
+        points = [
+            [f"points [{number}]:", f"    number = {_seconds(at_us)}", f"    mark = {_quoted(text)}"]
+            for number, (at_us, text) in enumerate(inside, start=1)
+        ]
+        written.append(_tier("TextTier", _MARKS_TIER, whole_us, "points", points))
     if not written:
         # Praat opens no TextGrid without a tier.
         written.append(_interval_tier("Session", [], whole_us))
@@ -131,40 +109,35 @@ def _moments(data: SessionData) -> list[tuple[int, str]]:
     return sorted(moments.items())
 
 
-def _interval_tier(name: str, intervals: Iterable[_Interval], whole_us: int) -> list[str]:
+def _interval_tier(name: str, intervals: Sequence[_Interval], whole_us: int) -> list[str]:
     """Interval tier without gaps, as Praat requires: empty intervals fill them."""
     filled: list[_Interval] = []
     at_us = 0
-    for interval in sorted(intervals, key=lambda interval: interval.start_us):
-        start_us, end_us = max(interval.start_us, at_us), min(interval.end_us, whole_us)
+    for start_us, end_us, text in sorted(intervals, key=itemgetter(0)):
+        start_us, end_us = max(start_us, at_us), min(end_us, whole_us)  # noqa: PLW2901 - the part that is written
         if end_us <= start_us:
             continue
         if start_us > at_us:
-            filled.append(_Interval(at_us, start_us, ""))
-        filled.append(_Interval(start_us, end_us, interval.text))
+            filled.append((at_us, start_us, ""))
+        filled.append((start_us, end_us, text))
         at_us = end_us
     if at_us < whole_us:
-        filled.append(_Interval(at_us, whole_us, ""))
-    lines = [*_head("IntervalTier", name, whole_us), f"intervals: size = {len(filled)}"]
-    for number, interval in enumerate(filled, start=1):
-        lines += [
+        filled.append((at_us, whole_us, ""))
+    entries = [
+        [
             f"intervals [{number}]:",
-            f"    xmin = {_seconds(interval.start_us)}",
-            f"    xmax = {_seconds(interval.end_us)}",
-            f"    text = {_quoted(interval.text)}",
+            f"    xmin = {_seconds(start_us)}",
+            f"    xmax = {_seconds(end_us)}",
+            f"    text = {_quoted(text)}",
         ]
-    return lines
+        for number, (start_us, end_us, text) in enumerate(filled, start=1)
+    ]
+    return _tier("IntervalTier", name, whole_us, "intervals", entries)
 
 
-def _moments_tier(points: list[tuple[int, str]], whole_us: int) -> list[str]:
-    lines = [*_head("TextTier", _MARKS_TIER, whole_us), f"points: size = {len(points)}"]
-    for number, (at_us, text) in enumerate(points, start=1):
-        lines += [f"points [{number}]:", f"    number = {_seconds(at_us)}", f"    mark = {_quoted(text)}"]
-    return lines
-
-
-def _head(kind: str, name: str, whole_us: int) -> list[str]:
-    return [f'class = "{kind}"', f"name = {_quoted(name)}", "xmin = 0", f"xmax = {_seconds(whole_us)}"]
+def _tier(kind: str, name: str, whole_us: int, what: str, entries: Sequence[Sequence[str]]) -> list[str]:
+    head = [f'class = "{kind}"', f"name = {_quoted(name)}", "xmin = 0", f"xmax = {_seconds(whole_us)}"]
+    return [*head, f"{what}: size = {len(entries)}", *itertools.chain(*entries)]
 
 
 def _seconds(microseconds: int) -> str:
@@ -173,5 +146,4 @@ def _seconds(microseconds: int) -> str:
 
 def _quoted(text: str) -> str:
     """Quoted single line with doubled quotes."""
-    printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
-    return '"' + " ".join(printable.split()).replace('"', '""') + '"'
+    return '"' + one_line(text).replace('"', '""') + '"'

@@ -7,12 +7,13 @@ import re
 from collections.abc import Iterable
 from pathlib import Path, PurePath
 
-from caris_desktop.recording.session.frame_times import moments_words
+from caris_desktop.recording.session.media_files import moments_words
+from caris_desktop.recording.session.session_conversation import SpokenUtterance
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import VideoInfo
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.recording.tables.catalog import plain_text
+from caris_desktop.recording.tables.catalog import one_line, plain_text
 
 # Of heard speech, often only the time of recognition is known.
 _MOMENT_SHOWN_NS = 2_000_000_000
@@ -31,12 +32,12 @@ def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]
         if theirs:
             paths.append(_write(out / f"captions-{speaker or 'somebody'}.vtt", session, session_video, theirs))
     taken = {path.name for path in paths}
-    for video in _videos(session):
-        name = f"{PurePath(video.file_name).stem}.vtt"
-        if name in taken:
-            name = f"video-{name}"
-        taken.add(name)
-        paths.append(_write(out / name, session, video, utterances))
+    for video in session.header.videos:
+        stem = PurePath(video.file_name).stem
+        if stem and video.last_stamp_ns >= video.first_stamp_ns:
+            name = f"{stem}.vtt" if f"{stem}.vtt" not in taken else f"video-{stem}.vtt"
+            taken.add(name)
+            paths.append(_write(out / name, session, video, utterances))
     context.progress(1.0)
     return paths
 
@@ -89,13 +90,4 @@ def _escaped(text: str) -> str:
 
 def _line(text: str) -> str:
     """Single line without characters that break a cue; an empty line would end it."""
-    printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
-    return " ".join(printable.replace("-->", "->").split())
-
-
-def _videos(session: Session) -> list[VideoInfo]:
-    return [
-        video
-        for video in session.header.videos
-        if video.last_stamp_ns >= video.first_stamp_ns and PurePath(video.file_name).stem
-    ]
+    return one_line(text).replace("-->", "->")

@@ -301,22 +301,14 @@ def _ros1_fields(content: bytes) -> dict[str, bytes]:
 
 
 class McapBag:
-    """MCAP file with ROS messages. Read without its index, so that truncated files work.
-
-    ``folded_messages``: each message is compressed separately.
-    """
+    """MCAP file with ROS messages. Read without its index, so that truncated files work."""
 
     kind = "MCAP file"
 
-    def __init__(self, path: Path, *, folded_messages: bool = False) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._folded = folded_messages
 
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        for message in self._stored(notes):
-            yield from _unfolded_message(message, notes) if self._folded else (message,)
-
-    def _stored(self, notes: ReadNotes) -> Iterator[BagMessage]:
         from mcap.records import Channel, Chunk, Header, Message, Schema
         from mcap.stream_reader import StreamReader
 
@@ -395,13 +387,12 @@ class McapBag:
 
 
 class SqliteBag:
-    """SQLite database of a rosbag2. ``folded_messages``: each message is compressed separately."""
+    """SQLite database of a rosbag2."""
 
     kind = "rosbag2 database"
 
-    def __init__(self, path: Path, *, folded_messages: bool = False) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._folded = folded_messages
 
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
         wal = self._path.with_name(f"{self._path.name}-wal")
@@ -447,24 +438,30 @@ class SqliteBag:
             if not isinstance(at_ns, int):
                 notes.add(f"A message of {channel.topic} has no time; it was skipped.")
                 continue
-            message = BagMessage(at_ns, channel, data, number / max(1, count))
-            yield from _unfolded_message(message, notes) if self._folded else (message,)
+            yield BagMessage(at_ns, channel, data, number / max(1, count))
 
 
 class FolderBag:
-    """Files of a rosbag2 folder in sequence."""
+    """Files of a rosbag2 folder in sequence. ``folded``: each message is compressed separately."""
 
-    def __init__(self, kind: str, parts: list[Bag], notes: ReadNotes) -> None:
-        self.kind = kind
+    kind = "ROS 2 bag"
+
+    def __init__(self, parts: list[Bag], notes: ReadNotes, *, folded: bool) -> None:
         self._parts = parts
         self._notes = notes
+        self._folded = folded
 
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
         for sentence in self._notes.sentences:
             notes.add(sentence)
         for number, part in enumerate(self._parts):
             for message in part.messages(notes):
-                yield message._replace(fraction=(number + message.fraction) / len(self._parts))
+                try:
+                    data = _unfolded(message.data, "zstd", None) if self._folded else message.data
+                except ValueError as error:
+                    notes.add(f"A message of {message.channel.topic} was skipped: {error}.")
+                else:
+                    yield message._replace(data=data, fraction=(number + message.fraction) / len(self._parts))
 
 
 def _open_folder(folder: Path, scratch: Path) -> Bag:
@@ -497,14 +494,14 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         with unfolded.open("rb") as file:
             start = file.read(16)
         if start.startswith(_MCAP_MAGIC):
-            parts.append(McapBag(unfolded, folded_messages=mode == "message"))
+            parts.append(McapBag(unfolded))
         elif start.startswith(_SQLITE_MAGIC):
-            parts.append(SqliteBag(unfolded, folded_messages=mode == "message"))
+            parts.append(SqliteBag(unfolded))
         elif not start:
             notes.add(f"{path.name} is empty.")
         else:
             raise BagError(f"{path} is neither an MCAP file nor a rosbag2 database.")
-    return FolderBag("ROS 2 bag", parts, notes)
+    return FolderBag(parts, notes, folded=mode == "message")
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:
@@ -563,13 +560,6 @@ class _TooLargeError(ValueError):
 def _why(error: Exception) -> str:
     limited = isinstance(error, _TooLargeError) or type(error).__name__ == "RecordLengthLimitExceeded"
     return ": a part of it is far too large" if limited else ""
-
-
-def _unfolded_message(message: BagMessage, notes: ReadNotes) -> Iterator[BagMessage]:
-    try:
-        yield message._replace(data=_unfolded(message.data, "zstd", None))
-    except ValueError as error:
-        notes.add(f"A message of {message.channel.topic} was skipped: {error}.")
 
 
 def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:

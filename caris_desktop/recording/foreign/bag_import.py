@@ -1,5 +1,6 @@
 """Import of foreign bags as session folders, for replay, annotation and export."""
 
+import json
 import logging
 import math
 import shutil
@@ -39,17 +40,21 @@ from caris_desktop.recording.foreign.bag_values import (
     TopicRole,
     has_mountings,
     map_bag_topics,
-    own_session,
 )
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
-from caris_desktop.recording.recorder.video_encoders import x264
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import VideoFileWriter, x264
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import SessionHeader, VideoInfo, recorded_files
-from caris_desktop.ros.message_fields import MessageError
+from caris_desktop.recording.session.session_header import (
+    SessionClock,
+    SessionError,
+    SessionHeader,
+    VideoInfo,
+    header_of,
+    recorded_files,
+)
+from caris_desktop.ros.message_fields import MessageError, message_of, text
 
 _log = logging.getLogger(__name__)
 REASON = "imported"
@@ -240,7 +245,19 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
         topics=topics,
         notes=tuple(notes.sentences),
     )
-    _write_header(place, report, path.name, clock=clock, ended_ns=ended_ns, videos=videos, origin=origin)
+    known = SessionHeader(anchor) if origin is None else origin
+    header = SessionHeader(anchor, program_version=__version__, scenario=known.scenario, trial=known.trial)
+    source = {
+        "kind": report.kind,
+        "name": path.name,
+        "imported_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "topics": [asdict(topic) for topic in report.topics[:_MAX_TOPICS_TOLD]],
+        "not_understood": [topic.topic for topic in report.not_understood[:_MAX_TOPICS_TOLD]],
+        "notes": list(report.notes),
+    }
+    header.started(clock.started_ns).ended(
+        ended_ns, REASON, counts=dict(report.values), videos=videos, source=source, files=recorded_files(place)
+    ).write(place)
     write_manifest(place)
     return report
 
@@ -277,7 +294,7 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
         if has_mountings(message.channel) and few:
             survey.mounts.append((message.channel, message.data))
         if survey.own_session is None and message.channel.topic == SESSION_TOPIC:
-            survey.own_session = _own_session(message.channel, message.data, message.at_ns)
+            survey.own_session = _own_session(message)
     survey.stretches = _intervals([minutes[minute] for minute in sorted(minutes)])
     if survey.own_session is None:
         _take_out_gaps(survey.stretches, notes)
@@ -342,16 +359,17 @@ def _utc_text(at_ns: int) -> str:
     return f"{datetime.fromtimestamp(at_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M:%S}"
 
 
-def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> SessionHeader | None:
+def _own_session(message: BagMessage) -> SessionHeader | None:
+    """Header of the original session in the message of ``/caris/session``; None if it is not from our export."""
     try:
-        origin = own_session(MessageReader(channel).read(data))
-    except (NotUnderstoodError, MessageError):
-        return None
-    if origin is None:
+        content = text(message_of(MessageReader(message.channel).read(message.data), "String"), "data", "String")
+        origin = header_of(json.loads(content), Path(SESSION_TOPIC))
+    except (NotUnderstoodError, MessageError, SessionError, TypeError, ValueError, RecursionError):
+        _log.info("%s does not describe a session", SESSION_TOPIC, exc_info=True)
         return None
     # Implausible times: the mapping would not match the messages.
     sane = 0 <= origin.clock.monotonic_ns < _LATEST_UTC_NS and 0 <= origin.started_ns < _LATEST_UTC_NS
-    return origin if sane and abs(origin.clock.utc_ns_at(origin.started_ns) - at_ns) < _NEAR_NS else None
+    return origin if sane and abs(origin.clock.utc_ns_at(origin.started_ns) - message.at_ns) < _NEAR_NS else None
 
 
 class _SessionWriter:
@@ -513,36 +531,3 @@ def _topics(
         reason = faults.get(channel, "") if role is not None else casting.reasons.get(channel, "")
         reports.append(TopicReport(channel.topic, channel.type, count, used[channel], became, reason))
     return tuple(reports)
-
-
-def _write_header(
-    place: Path,
-    report: ImportReport,
-    name: str,
-    *,
-    clock: SessionClock,
-    ended_ns: int,
-    videos: tuple[VideoInfo, ...],
-    origin: SessionHeader | None,
-) -> None:
-    header = SessionHeader(clock.anchor) if origin is None else origin
-    SessionHeader(
-        clock.anchor,
-        program_version=__version__,
-        scenario=header.scenario,
-        trial=header.trial,
-    ).started(clock.started_ns).ended(
-        ended_ns,
-        REASON,
-        counts=dict(report.values),
-        videos=videos,
-        source={
-            "kind": report.kind,
-            "name": name,
-            "imported_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-            "topics": [asdict(topic) for topic in report.topics[:_MAX_TOPICS_TOLD]],
-            "not_understood": [topic.topic for topic in report.not_understood[:_MAX_TOPICS_TOLD]],
-            "notes": list(report.notes),
-        },
-        files=recorded_files(place),
-    ).write(place)

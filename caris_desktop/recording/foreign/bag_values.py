@@ -5,7 +5,6 @@ import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,11 +36,11 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
-from caris_desktop.recording.session.session_header import SessionError, SessionHeader, header_of
-from caris_desktop.ros import message_conversion, navigation_messages
+from caris_desktop.recording.session.session_header import SessionHeader
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import plain_name
-from caris_desktop.ros.message_fields import Message, MessageError, frame_of, message_of, text
-from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image
+from caris_desktop.ros.message_conversion import MOST_PIXELS, decode_image
+from caris_desktop.ros.message_fields import Message, MessageError, frame_of
 
 _log = logging.getLogger(__name__)
 MAP_FRAME, BASE_FRAMES = "map", ("base_link", "base_footprint")
@@ -96,15 +95,6 @@ class TopicMapping(Value):
             if channel is not best:
                 del self.roles[channel]
                 self.reasons[channel] = reason
-
-
-def own_session(data: Any) -> SessionHeader | None:
-    """Header of the original session in the message of ``/caris/session``; None if it is not from our export."""
-    try:
-        return header_of(json.loads(text(message_of(data, "String"), "data", "String")), Path(SESSION_TOPIC))
-    except (SessionError, TypeError, ValueError, RecursionError):
-        _log.info("%s does not describe a session", SESSION_TOPIC, exc_info=True)
-        return None
 
 
 def has_mountings(channel: BagChannel) -> bool:
@@ -344,7 +334,12 @@ class MessageConverter:
             case "map":
                 yield decode.decode_occupancy_grid(message, stamp_ns=stamp_ns)
             case "path":
-                yield self._path(message, stamp_ns)
+                path = message_conversion.decode_path(message)
+                points, place = path.points_m, self._place_of(path.frame_id)
+                if place.heading_rad or place.x_m or place.y_m:
+                    cos, sin = np.cos(place.heading_rad), np.sin(place.heading_rad)
+                    points = (points @ np.array([[cos, sin], [-sin, cos]]) + (place.x_m, place.y_m)).astype(np.float32)
+                yield PlannedPath(stamp_ns, path.robot_stamp_ns, points)
             case "battery":
                 yield decode.decode_battery_state(message, stamp_ns=stamp_ns)
             case "pose":
@@ -394,14 +389,6 @@ class MessageConverter:
 
         self._odometry = message_conversion.decode_odometry(message, stamp_ns=at_ns, pose_of=reckoned)
         return self._odometry
-
-    def _path(self, message: Message, at_ns: int) -> PlannedPath:
-        path = navigation_messages.decode_path(message)
-        points, place = path.points_m, self._place_of(path.frame_id)
-        if place.heading_rad or place.x_m or place.y_m:
-            cos, sin = np.cos(place.heading_rad), np.sin(place.heading_rad)
-            points = (points @ np.array([[cos, sin], [-sin, cos]]) + (place.x_m, place.y_m)).astype(np.float32)
-        return PlannedPath(at_ns, path.robot_stamp_ns, points)
 
     def _in_map(self, message: Message, pose: RobotPose, what: str = "Pose") -> RobotPose:
         place = self._place_of(frame_of(message, what).lstrip("/"))

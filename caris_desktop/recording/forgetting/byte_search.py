@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.forgetting.search_terms import SearchTerms, folded
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
+from caris_desktop.recording.forgetting.text_erasure import SearchTerms, folded
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import MAGIC as MCAP_MAGIC
 
 _BLOCK_BYTES = 1 << 22
 _AROUND_BYTES = 256
@@ -166,22 +166,6 @@ class ByteSearch:
 
     def _in_block(self, data: bytes, begin: int, until: int, *, media: bool) -> Iterator[Hit]:
         small = folded(data)
-        for place in self._candidates(small):
-            if not begin <= place < until:
-                continue
-            for text, encoding in self._of_pair.get(small[place : place + 2], ()):
-                if not small.startswith(text, place):
-                    continue
-                if not encoding:
-                    if data[place : place + len(text)] in self._exact:
-                        yield Hit(place, "picture")
-                        break
-                elif (words := self._named(data, place, encoding, media=media)) is not None:
-                    yield Hit(place, "name", words=words)
-                    break
-
-    def _candidates(self, small: bytes) -> list[int]:
-        """Offsets at which a search term may begin."""
         array = np.frombuffer(small + bytes(4), np.uint8)
         places = []
         for shift in (0, 1):
@@ -194,7 +178,19 @@ class ByteSearch:
         if len(self._shorter):
             good |= np.isin(threes, self._shorter) | np.isin(threes & 0xFFFF, self._shorter)
         candidates: list[int] = found[good].tolist()
-        return candidates
+        for place in candidates:
+            if not begin <= place < until:
+                continue
+            for text, encoding in self._of_pair.get(small[place : place + 2], ()):
+                if not small.startswith(text, place):
+                    continue
+                if not encoding:
+                    if data[place : place + len(text)] in self._exact:
+                        yield Hit(place, "picture")
+                        break
+                elif (words := self._named(data, place, encoding, media=media)) is not None:
+                    yield Hit(place, "name", words=words)
+                    break
 
     def _named(self, data: bytes, place: int, encoding: str, *, media: bool) -> str | None:
         """Text around a name that begins at the offset; None if there is none."""
@@ -247,13 +243,13 @@ _OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
 
 
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
-    index = mcap_chunks.scan(file, thorough=False)
+    index = events_file.scan(file, thorough=False)
     for number in range(index.count):
         try:
-            record = mcap_chunks.read_record(file, index, number)
-            if mcap_chunks.is_chunk(record):
-                yield mcap_chunks.decompress(record) + b"\n"
-        except mcap_chunks.DamagedBlockError as error:
+            record = events_file.read_record(file, index, number)
+            if events_file.is_chunk(record):
+                yield events_file.decompress(record) + b"\n"
+        except events_file.DamagedBlockError as error:
             closed.append(f"{name}: the chunk at byte {index.offsets[number]}: {error}")
 
 

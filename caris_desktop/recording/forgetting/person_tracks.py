@@ -5,13 +5,13 @@ import logging
 import math
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 
 _log = logging.getLogger(__name__)
 # A person seen at both ends of such a gap was present in it. Longer gaps without detection are covered entirely.
@@ -170,7 +170,7 @@ def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
 def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
     """Identity decisions in order: (linked or unlinked, who, same as whom). Raises OSError."""
     for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
-        message = _read(data)
+        message = fields_of(data)
         who = str(message.get("person_id") or "")
         whom = next((str(message[name]) for name in _WHOM if message.get(name)), "")
         if who and whom:
@@ -194,14 +194,15 @@ def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, 
 
 def messages_of(events: Path, is_selected: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
     """Topic and data of some channels' messages in recording order. Raises OSError."""
-    index = mcap_chunks.read_index(events)
+    index = events_file.read_index(events)
     topics = {number: channel.topic for number, channel in index.channels.items() if is_selected(channel.topic)}
     with events.open("rb") as file:
-        for message, data in mcap_chunks.read_messages(file, index, topics):
+        for message, data in events_file.read_messages(file, index, topics):
             yield topics[message.channel], data
 
 
-def _read(data: bytes) -> Mapping[str, Any]:
+def fields_of(data: bytes | str) -> dict[str, Any]:
+    """Fields of a message; empty if it cannot be read."""
     try:
         message = json.loads(data)
     except (ValueError, RecursionError):
@@ -211,7 +212,7 @@ def _read(data: bytes) -> Mapping[str, Any]:
 
 def _detections_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
     """Camera, track, time, id and area of each box that is the person's or unidentified."""
-    message = _read(data)
+    message = fields_of(data)
     try:
         stamp_ns, camera = int(message["stamp_ns"]), str(message["camera"])
         width_px, height_px = float(message["frame_width_px"]), float(message["frame_height_px"])

@@ -21,8 +21,24 @@ from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localize
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting import media, text_erasure
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
-from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
-from caris_desktop.recording.forgetting.own_files import OwnFiles, blot_out, without_lines
+from caris_desktop.recording.forgetting.erasure_files import (
+    FOLDER,
+    PART,
+    PEOPLE_FILES,
+    Change,
+    Journal,
+    OwnFiles,
+    StudyFiles,
+    blot_out,
+    copies_in,
+    files_of,
+    first_line_of,
+    is_opaque,
+    names_elsewhere,
+    path_of,
+    without_lines,
+)
+from caris_desktop.recording.forgetting.media import SessionMedia, examined_media, people_in, photos_of
 from caris_desktop.recording.forgetting.person_tracks import (
     PersonTracks,
     everyone_who_is,
@@ -30,23 +46,21 @@ from caris_desktop.recording.forgetting.person_tracks import (
     messages_of,
     sightings_in,
 )
-from caris_desktop.recording.forgetting.review import write_review
-from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError, PersonNames, all_of
-from caris_desktop.recording.forgetting.session_media import SessionMedia, examined_media, names_people, photos_of
-from caris_desktop.recording.forgetting.speech_erasure import Sentences, Speech, sentences_of, speech_in
-from caris_desktop.recording.forgetting.study_files import (
-    PEOPLE_FILES,
-    StudyFiles,
-    copies_in,
-    files_of,
-    is_opaque,
-    names_elsewhere,
+from caris_desktop.recording.forgetting.text_erasure import (
+    Decision,
+    ErasureStoppedError,
+    PersonNames,
+    Sentences,
+    Speech,
+    TextWork,
+    all_of,
+    sentences_of,
+    speech_in,
+    write_review,
 )
-from caris_desktop.recording.forgetting.text_erasure import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
-from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.session.session_header import SessionError, read_raw_header
+from caris_desktop.recording.session.session_header import SessionError, clock_text, read_raw_header
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import DATABASE_NAME
 from caris_desktop.recording.table_files import delete_tables
@@ -78,51 +92,6 @@ _IN_THE_MIDDLE = QT_TR_NOOP(
 
 Rewrite = Callable[[str, str], str]
 """Receives the owner of a text and the text; returns the text to store."""
-
-
-class DatabaseTexts:
-    """Texts about other people in the study's database (notes, robot speech) that may name the erased person.
-
-    ``pass_through`` applies a function to each text of the database. Those of ``person_ids`` are deleted anyway.
-    """
-
-    def __init__(
-        self, work: TextWork, file: str, pass_through: Callable[[Rewrite], None], person_ids: Collection[str]
-    ) -> None:
-        self._work = work
-        self._file = file
-        self._pass_through = pass_through
-        self._ids = frozenset(person_ids)
-
-    def treat(self) -> None:
-        """List the places, and replace those to redact."""
-        to_change = False
-
-        def scan(whose: str, text: str) -> str:
-            nonlocal to_change
-            if whose not in self._ids:
-                found = self._work.find(text, self._file, lambda: f"data stored about {whose}")
-                to_change = to_change or any(decision == "redact" for _, _, decision in found)
-            return text
-
-        self._pass_through(scan)
-        if to_change:
-            self._pass_through(self._without)
-
-    def naming(self) -> int:
-        """Number of texts that name the person without a decision to keep them."""
-        count = 0
-
-        def scan(whose: str, text: str) -> str:
-            nonlocal count
-            count += self._without(whose, text) != text
-            return text
-
-        self._pass_through(scan)
-        return count
-
-    def _without(self, _whose: str, text: str) -> str:
-        return self._work.redact(text, self._file, yaml=False)[0]
 
 
 class ForgetRequest(Value):
@@ -362,7 +331,7 @@ class _Forgetting:
                 self._in_file(path, searched, self._texts)
         self._inspect_unexamined(found, sessions, exports)
         self._in_own_files()
-        self._stored_texts().treat()
+        self._in_database()
         for folder in sessions:
             self._in_events(folder)
         # The search index is rebuilt from the sessions on the next search.
@@ -498,7 +467,7 @@ class _Forgetting:
                 self._decide_on(path, QT_TR_NOOP("it could not be decompressed"))
             if any(path.is_relative_to(folder) for folder in sessions) or not is_opaque(path):
                 continue
-            tagged = path.parent == self._study / "photos" and names_people(path)
+            tagged = path.parent == self._study / "photos" and people_in(path)
             if not tagged if export is None else exports.shown_in(export) & blind:
                 self._decide_on(path, _UNEXAMINED)
 
@@ -663,7 +632,27 @@ class _Forgetting:
             changes = self._journal.changes_in(folder)
             removed = {change.file for change in changes if not change.after}
             covered = {change.file for change in changes if change.what == "video" and change.after}
-            data = _sealed(recorded, folder, begun, removed=removed, covered=covered)
+            data = dict(recorded)
+            videos = data.get("videos")
+            if isinstance(videos, list):
+                data["videos"] = [
+                    {**video, "encoder": media.ENCODER.title} if video.get("file_name") in covered else video
+                    for video in videos
+                    if isinstance(video, dict) and video.get("file_name") not in removed
+                ]
+            sounds = data.get("audio")
+            if isinstance(sounds, list):
+                data["audio"] = [one for one in sounds if isinstance(one, dict) and one.get("file_name") not in removed]
+            files = data.get("files")
+            if isinstance(files, list):
+                data["files"] = [
+                    {**one, "bytes": (folder / str(one["name"])).stat().st_size}
+                    for one in files
+                    if isinstance(one, dict) and (folder / str(one.get("name"))).is_file()
+                ]
+            forgotten = data.get("forgotten")
+            dates = [str(date) for date in forgotten] if isinstance(forgotten, list) else []
+            data["forgotten"] = [*dates, *([] if begun in dates else [begun])]
             if any(change.what == "text" and change.file.endswith(".mcap") for change in changes):
                 _report_checksum_of_scenario(data, folder)
             content = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
@@ -674,8 +663,31 @@ class _Forgetting:
 
     # The rest of the study
 
-    def _stored_texts(self) -> DatabaseTexts:
-        return DatabaseTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
+    def _in_database(self) -> None:
+        """List the places in texts about other people in the study's database, and replace those to redact."""
+        to_change = False
+
+        def scan(whose: str, text: str) -> str:
+            nonlocal to_change
+            if whose not in self._request.person_ids:  # theirs are deleted anyway
+                found = self._texts.find(text, _PEOPLE, lambda: f"data stored about {whose}")
+                to_change = to_change or any(decision == "redact" for _, _, decision in found)
+            return text
+
+        self._request.texts_of_people(scan)
+        if to_change:
+            self._request.texts_of_people(lambda _whose, text: self._texts.redact(text, _PEOPLE, yaml=False)[0])
+
+    def _named_in_database(self) -> int:
+        """Number of texts in the study's database that name the person without a decision to keep them."""
+        named: list[bool] = []
+
+        def scan(_whose: str, text: str) -> str:
+            named.append(self._texts.redact(text, _PEOPLE, yaml=False)[0] != text)
+            return text
+
+        self._request.texts_of_people(scan)
+        return sum(named)
 
     def _rename_files(self, paths: Iterable[Path]) -> None:
         """Rename files and folders that name the person, deepest first."""
@@ -739,7 +751,7 @@ class _Forgetting:
         self._notify(0.97, QT_TR_NOOP("Erasing the person from the study database"))
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
-        in_database = sum(len(self._search.file(path).hits) for path in database) + self._stored_texts().naming()
+        in_database = sum(len(self._search.file(path).hits) for path in database) + self._named_in_database()
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
         outcome = Forgotten(
             self._study / FOLDER / RECEIPT,
@@ -763,6 +775,9 @@ class _Forgetting:
     def _write_receipt(self, outcome: Forgotten, begun: str, proof: dict[str, Any], in_database: int) -> None:
         path = outcome.receipt
         changes = self._journal.changes()
+        doubtful = [place for place in self._texts.places.values() if place.kind == "speech"]
+        decided = [self._texts.decided(place) for place in doubtful]
+        theirs = sum(len(of.theirs) for of in self._speech.values())
         receipt = {
             "complete": outcome.complete,
             "begun_utc": begun,
@@ -771,7 +786,14 @@ class _Forgetting:
             "recordings": self._request.recordings,
             "steps": _steps(changes),
             "waiting_for_decision": outcome.waiting,
-            "utterances": _utterances(self._speech, self._spoken, self._texts),
+            "utterances": (
+                {
+                    "theirs_removed": theirs,
+                    "nobodys_removed": sum(map(len, self._spoken.values())) - theirs,
+                    "nobodys_kept": decided.count("keep"),
+                    "nobodys_waiting": decided.count(""),
+                }
+            ),
             "exports_concerned": self._exports_named,
             "problems": [self._without_names(problem) for problem in self._problems],
             "search_before": self._journal.noted("found"),
@@ -814,19 +836,6 @@ def _may_hold(path: Path, sentences: Sentences) -> bool:
     return any(next(sentences.spans(line), None) is not None for line in text_erasure.lines_of(path, encoding))
 
 
-def _utterances(speech: Mapping[Path, Speech], spoken: Mapping[Path, frozenset[str]], work: TextWork) -> dict[str, int]:
-    """Number of the person's utterances, and decisions on those of unknown speakers during their presence."""
-    doubtful = [place for place in work.places.values() if place.kind == "speech"]
-    decided = [work.decided(place) for place in doubtful]
-    theirs = sum(len(of.theirs) for of in speech.values())
-    return {
-        "theirs_removed": theirs,
-        "nobodys_removed": sum(map(len, spoken.values())) - theirs,
-        "nobodys_kept": decided.count("keep"),
-        "nobodys_waiting": decided.count(""),
-    }
-
-
 def _copied(source: Path, part: Path) -> int:
     shutil.copyfile(source, part)
     return 1
@@ -860,33 +869,6 @@ def _moments_of(session: Session | None) -> Callable[[int], str]:
         return str
     clock = session.clock
     return lambda stamp_ns: clock_text(clock.session_s(stamp_ns))
-
-
-def _sealed(
-    header: Mapping[str, Any], folder: Path, begun: str, *, removed: set[str], covered: set[str]
-) -> dict[str, Any]:
-    data = dict(header)
-    videos = data.get("videos")
-    if isinstance(videos, list):
-        data["videos"] = [
-            {**video, "encoder": media.ENCODER.title} if video.get("file_name") in covered else video
-            for video in videos
-            if isinstance(video, dict) and video.get("file_name") not in removed
-        ]
-    sounds = data.get("audio")
-    if isinstance(sounds, list):
-        data["audio"] = [one for one in sounds if isinstance(one, dict) and one.get("file_name") not in removed]
-    files = data.get("files")
-    if isinstance(files, list):
-        data["files"] = [
-            {**one, "bytes": (folder / str(one["name"])).stat().st_size}
-            for one in files
-            if isinstance(one, dict) and (folder / str(one.get("name"))).is_file()
-        ]
-    forgotten = data.get("forgotten")
-    dates = [str(date) for date in forgotten] if isinstance(forgotten, list) else []
-    data["forgotten"] = [*dates, *([] if begun in dates else [begun])]
-    return data
 
 
 def _report_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:

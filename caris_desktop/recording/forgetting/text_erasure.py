@@ -1,27 +1,317 @@
-"""Free text that may name a person: search, listing for review, and redaction."""
+"""Texts that name a person, or that the person said: search terms, places for review, and redaction."""
 
+import base64
 import hashlib
+import html
+import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, get_args
+from urllib.parse import quote
 
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.forgetting.search_terms import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
-from caris_desktop.recording.forgetting.speech_erasure import Sentences, without_words
+from caris_desktop.recording.forgetting.person_tracks import PersonTracks, fields_of, messages_of
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session import mcap_records as records
-from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS, SpokenUtterance
+from caris_desktop.recording.session.session_data import spoken
+from caris_desktop.recording.session.session_reader import Session
+
+FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
+"""Replacements for a name. In YAML, a bracket at the start of a value has a meaning."""
+_LEAST_PART = 3
+# Names this long are matched inside longer words too, such as file names; shorter ones are often part of other words.
+_DISTINCT = 8
+# Word boundaries in a text as stored in a file: "\nAnna", "\u201cAnna" and "%20Anna" begin there too.
+_BEGINS = r"(?:(?<![^\W_])|(?<=\\[nrtbf])|(?<=\\u[0-9a-fA-F]{4})|(?<=%[0-9a-fA-F]{2}))"
+_ENDS = r"(?=(?:['’]?s)?(?![^\W_]))"
+_BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
+# From here on, scripts have no spaces between words, so that nothing marks where a name begins.
+_WITHOUT_SPACES = "\u0e00"
+# Checksums and base64 contain no names; paths have letters and slashes too, but shorter runs.
+_CODES = ((re.compile(r"[A-Za-z0-9]*"), 32), (re.compile(r"[A-Za-z0-9+/=]*"), 250))
+_PROBE_BYTES, _PROBES = 24, 6
+_JPEG_SCAN = b"\xff\xda"
+
+
+class ErasureStoppedError(UserFacingError):
+    """Interrupted erasure; no data is lost, and the same command resumes it."""
+
+
+@dataclass(frozen=True)
+class PersonNames:
+    """Names of one person. Parts of a compound name are matched too, since people are called by them."""
+
+    names: tuple[str, ...]
+
+    @cached_property
+    def alternatives(self) -> tuple[str, ...]:
+        """Names to search for, longest first."""
+        found: dict[str, None] = {}
+        for name in self.names:
+            full_name = " ".join(name.split())
+            parts = [part for part in re.split(r"[\s\-.]+", full_name) if len(part) >= _LEAST_PART]
+            for text in (full_name, *parts):
+                if len(text) >= 2:
+                    found.setdefault(unicodedata.normalize("NFC", text))
+                    found.setdefault(_without_accents(text))
+        return tuple(sorted(found, key=len, reverse=True))
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str] | None:
+        """Pattern for any kind of text file: plain, JSON, XML, URL. None without names."""
+        patterns = []
+        for text in self.alternatives:
+            forms = [_BETWEEN.join(re.escape(part) for part in form.split()) for form in _forms(text)]
+            either = "|".join(dict.fromkeys(forms))
+            patterns.append(f"(?:{either})" if _is_distinct(text) else f"{_BEGINS}(?:{either}){_ENDS}")
+        return re.compile("|".join(patterns), re.IGNORECASE) if patterns else None
+
+    def spans(self, text: str) -> Iterator[tuple[int, int]]:
+        """Positions of the person's names in ``text``."""
+        if self.pattern is None:
+            return
+        # Most texts contain no name: this check is fast.
+        small = text.lower()
+        if not any(first in small for first in self._firsts):
+            return
+        for match in self.pattern.finditer(text):
+            if _is_distinct(match[0]) or not _in_code(text, *match.span()):
+                yield match.span()
+
+    @cached_property
+    def _firsts(self) -> tuple[str, ...]:
+        """First word of each form, in lower case."""
+        return tuple({form.lower().split()[0] for text in self.alternatives for form in _forms(text)})
+
+    @cached_property
+    def beginnings(self) -> tuple[tuple[bytes, str], ...]:
+        """Beginning of each form in a file, in lower-case ASCII, with its encoding."""
+        found: dict[tuple[bytes, str], None] = {}
+        for text in self.alternatives:
+            for form in _forms(text):
+                first = re.split(r"\s", form)[0]
+                for cased in (first, first.lower(), first.upper(), first.title()):
+                    for encoding in ("utf-8", "utf-16-le", "utf-16-be"):
+                        found.setdefault((folded(cased.encode(encoding, "replace")), encoding))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class SearchTerms:
+    """All search terms. ``pictures`` are unique bytes: stored portraits and vectors."""
+
+    words: PersonNames
+    pictures: tuple[bytes, ...] = field(default=(), repr=False)
+
+    @cached_property
+    def probes(self) -> tuple[bytes, ...]:
+        """Pieces of the images, plain and in base64 at each of its three alignments."""
+        plain = [probe for picture in self.pictures for probe in _pieces(picture)]
+        coded = [text for probe in plain for text in _in_base64(probe)]
+        return tuple(dict.fromkeys((*plain, *coded)))
+
+
+_FOLD = bytes(byte + 32 if 65 <= byte <= 90 else byte for byte in range(256))
+
+
+def folded(data: bytes) -> bytes:
+    """``data`` with ASCII letters in lower case."""
+    return data.translate(_FOLD)
+
+
+def _forms(text: str) -> tuple[str, ...]:
+    """The text, and its escaped forms in different file types."""
+    composed, decomposed = unicodedata.normalize("NFC", text), unicodedata.normalize("NFD", text)
+    forms = [composed, decomposed]
+    for plain in (composed, decomposed):
+        forms += [
+            json.dumps(plain)[1:-1],
+            html.escape(plain),
+            html.escape(plain, quote=False),
+            plain.encode("ascii", "xmlcharrefreplace").decode(),
+            quote(plain, safe=" "),
+        ]
+    return tuple(dict.fromkeys(forms))
+
+
+def _is_distinct(text: str) -> bool:
+    return len(text) >= _DISTINCT or text[0] >= _WITHOUT_SPACES
+
+
+def _without_accents(text: str) -> str:
+    """``text`` without accents, as typed without such keys or written by a recogniser."""
+    plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", plain)
+
+
+def _in_code(text: str, start: int, end: int) -> bool:
+    """True inside something like a checksum: a long run of letters and digits."""
+    for letters, longest in _CODES:
+        after = letters.match(text, end)
+        right = after.end() if after is not None else end
+        left = start
+        while left > max(0, start - longest) and letters.fullmatch(text, left - 1, left):
+            left -= 1
+        if right - left >= longest and any(letter.isdigit() for letter in text[left:right]):
+            return True
+    return False
+
+
+def _pieces(picture: bytes) -> Iterator[bytes]:
+    """Distinctive pieces of an image: images of one program share their headers."""
+    begin = picture.rfind(_JPEG_SCAN, 0, 4096) + 16 if picture[:2] == b"\xff\xd8" else 0
+    content = picture[begin:]
+    if len(content) < _PROBE_BYTES:
+        content = picture
+    count = min(_PROBES, max(1, len(content) // _PROBE_BYTES))
+    step = max(1, (len(content) - _PROBE_BYTES) // max(1, count - 1)) if count > 1 else 1
+    for number in range(count):
+        piece = content[number * step : number * step + _PROBE_BYTES]
+        if len(piece) >= 8 and len(set(piece)) >= 6:
+            yield piece
+
+
+def _in_base64(piece: bytes) -> Iterator[bytes]:
+    for shift in range(3):
+        cut = piece[shift : shift + (len(piece) - shift) // 3 * 3]
+        if len(cut) >= 9:
+            yield base64.b64encode(cut)
+
+
+def all_of(names: Iterable[str], pictures: Iterable[bytes]) -> SearchTerms:
+    return SearchTerms(PersonNames(tuple(dict.fromkeys(name for name in names if name.strip()))), tuple(pictures))
+
+
+AROUND_VISIT_NS = 2_000_000_000
+"""Somebody speaks before a camera sees them, and after."""
+_TOPICS = tuple(f"/{name}" for name in (*UTTERANCE_STREAMS, "hearing"))
+_WORDS = ("text", "message", "heard_text", "detail", "committed", "tentative")
+_UTTERANCE = re.compile(r'"utterance_id":\s*("(?:[^"\\]|\\.)*")')
+# Sentences this long are distinctive; shorter ones match only as a whole value, line or cell.
+_LONG, _LONG_WORDS = 12, 3
+
+
+@dataclass(frozen=True)
+class Sentences:
+    """A person's sentences, to be found in any text."""
+
+    texts: tuple[str, ...] = ()
+
+    @property
+    def long(self) -> tuple[str, ...]:
+        return tuple(text for text in self.texts if len(text) >= _LONG and len(text.split()) >= _LONG_WORDS)
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[str] | None:
+        patterns = []
+        for text in sorted(self.texts, key=len, reverse=True):
+            for form in dict.fromkeys((text, json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1])):
+                plain = r"\s+".join(map(re.escape, form.split()))
+                patterns.append(
+                    plain if text in self.long else rf'(?:^|(?<=[",\t;])|(?<=: )){plain}(?=["\t,;\r\n]|  \[|\]|$)'
+                )
+        return re.compile("|".join(patterns), re.MULTILINE) if patterns else None
+
+    @cached_property
+    def _firsts(self) -> tuple[str, ...]:
+        """First words of each sentence, plain and JSON-escaped: a fast check that excludes most texts."""
+        forms = (form for text in self.texts for form in (text, json.dumps(text)[1:-1]))
+        return tuple({form.split()[0] for form in forms})
+
+    def spans(self, text: str) -> Iterator[tuple[int, int]]:
+        """Positions of the sentences."""
+        if self._pattern is not None and any(first in text for first in self._firsts):
+            yield from (match.span() for match in self._pattern.finditer(text))
+
+    @property
+    def probes(self) -> tuple[bytes, ...]:
+        """Byte patterns for a file search."""
+        forms = (form for text in self.long for form in (text, json.dumps(text)[1:-1]))
+        return tuple(dict.fromkeys(form.encode("utf-8", "replace") for form in forms))
+
+
+@dataclass(frozen=True)
+class Speech:
+    """Utterances of one session: ids of the person's own, ``doubtful`` ones of unknown speakers during their presence,
+    and ``others`` of known other speakers.
+    """
+
+    theirs: frozenset[str] = frozenset()
+    doubtful: tuple[SpokenUtterance, ...] = ()
+    others: tuple[SpokenUtterance, ...] = ()
+
+
+def speech_in(session: Session, person_ids: frozenset[str], tracks: PersonTracks) -> Speech:
+    """Utterances of the session by speaker. Raises SessionError."""
+    theirs: set[str] = set()
+    doubtful: list[SpokenUtterance] = []
+    others: list[SpokenUtterance] = []
+    for utterance in spoken(session):
+        if utterance.speaker not in ("participant", ""):
+            continue
+        if utterance.person_id in person_ids:
+            theirs.add(utterance.utterance_id)
+        elif utterance.person_id:
+            others.append(utterance)
+        elif utterance.text != FORGOTTEN and _is_during(utterance, tracks):
+            doubtful.append(utterance)
+    return Speech(frozenset(theirs), tuple(doubtful), tuple(others))
+
+
+def _is_during(utterance: SpokenUtterance, tracks: PersonTracks) -> bool:
+    moments = [at for at in (utterance.start_ns, utterance.end_ns, utterance.requested_ns) if at is not None]
+    return bool(moments) and any(
+        min(moments) <= until_ns + AROUND_VISIT_NS and max(moments) >= from_ns - AROUND_VISIT_NS
+        for from_ns, until_ns in tracks.visits_ns
+    )
+
+
+def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
+    """All recorded texts of these utterances: partial, final and corrected.
+
+    Raises OSError.
+    """
+    ids = frozenset(utterance_ids)
+    found: dict[str, None] = {}
+    for _, data in messages_of(session.folder / "events.mcap", lambda topic: topic.startswith(_TOPICS)):
+        message = _read(data.decode("utf-8", "replace"), ids)
+        for text in (message.get(key) for key in _WORDS if key not in ("message", "detail")):
+            if isinstance(text, str) and text.strip() and text != FORGOTTEN:
+                found.setdefault(" ".join(text.split()))
+    return Sentences(tuple(found))
+
+
+def without_words(message: str, utterance_ids: frozenset[str]) -> tuple[str, int]:
+    """Recorded message without the texts of these utterances, and the number of changed texts."""
+    fields = _read(message, utterance_ids)
+    words = [key for key in _WORDS if isinstance(fields.get(key), str) and fields[key] not in ("", FORGOTTEN)]
+    if not words:
+        return message, 0
+    return json.dumps(fields | dict.fromkeys(words, FORGOTTEN), separators=(",", ":")), 1
+
+
+def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
+    """Parsed message; empty if it is about another utterance."""
+    named = _UTTERANCE.search(message)
+    if named is None or json.loads(named[1]) not in utterance_ids:
+        return {}
+    return fields_of(message)
+
 
 Decision = Literal["redact", "keep", "remove", ""]
 """Decision about a place; ``remove`` is for whole files. Empty: undecided."""
 _AROUND = 48
 _STAMP = re.compile(r'"stamp_ns":\s*(-?\d+)')
-_UTTERANCE = re.compile(r'"utterance_id":\s*"((?:[^"\\]|\\.)*)"')
 _CHECKSUM = re.compile(r'"sha256":\s*"([0-9a-f]{64})"')
 _YAML = (".yaml", ".yml")
 # Keys of events that contain YAML texts of scenarios and profiles.
@@ -211,7 +501,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
     """List the places of an MCAP file. Raises OSError."""
     found = EventTexts()
     with path.open("rb") as opened:
-        index = mcap_chunks.scan(opened)
+        index = events_file.scan(opened)
 
         def scan(value: bytes) -> bytes:
             spans = work.find(_text_of(value), file, lambda: "recording header")
@@ -220,8 +510,8 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
 
         for record in index.beside:
             changed_metadata(record, scan)
-        for content in mcap_chunks.intact_blocks(opened, index):
-            for message in mcap_chunks.messages_of(content):
+        for content in events_file.intact_blocks(opened, index):
+            for message in events_file.messages_of(content):
                 text = _text_of(content[message.start : message.end])
                 text, words = without_words(text, work.utterances)
                 found.to_change = found.to_change or words > 0
@@ -230,7 +520,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
                     found.to_change = True
                     utterance = _UTTERANCE.search(text)
                     if utterance is not None:
-                        found.utterances.add(utterance[1])
+                        found.utterances.add(utterance[1][1:-1])
     return found
 
 
@@ -247,14 +537,12 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         return _with_own_checksum(changed).encode("utf-8", "surrogateescape") if here else data
 
     with path.open("rb") as opened:
-        index = mcap_chunks.scan(opened)
+        index = events_file.scan(opened)
         beside = tuple(changed_metadata(record, change) for record in index.beside)
-        written = DiskFile(target)
-        try:
-            copy_changed(opened, replace(index, beside=beside), written, lambda _channel, data: change(data))
+        with DiskFile(target) as written:
+            index = replace(index, beside=beside)
+            events_file.copy_changed(opened, index, written, lambda _channel, data: change(data))
             written.sync()
-        finally:
-            written.close()
     return count
 
 
@@ -273,19 +561,19 @@ def _with_own_checksum(message: str) -> str:
 
 def changed_metadata(record: bytes, change: Callable[[bytes], bytes]) -> bytes:
     """Metadata record with changed values; other records unchanged."""
-    if record[0] != records.METADATA:
+    if record[0] != events_file.METADATA:
         return record
-    body = record[records.HEAD.size :]
-    name_end = records.text_end(body, 0)
+    body = record[events_file.HEAD.size :]
+    name_end = events_file.text_end(body, 0)
     entries: dict[str, str] = {}
     at = name_end + 4
     while at < len(body):
-        key_end = records.text_end(body, at)
-        value_end = records.text_end(body, key_end)
+        key_end = events_file.text_end(body, at)
+        value_end = events_file.text_end(body, key_end)
         value = change(body[key_end + 4 : value_end])
         entries[body[at + 4 : key_end].decode("utf-8", "replace")] = value.decode("utf-8", "replace")
         at = value_end
-    return records.record(records.METADATA, body[:name_end] + records.text_map(entries))
+    return events_file.record(events_file.METADATA, body[:name_end] + events_file.text_map(entries))
 
 
 def _text_of(data: bytes) -> str:
@@ -317,3 +605,85 @@ def _behind(text: str, end: int) -> str:
 def _key(file: str, before: str, name: str, behind: str) -> str:
     key = "\0".join((file, before, name, behind))
     return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()[:10]
+
+
+_HEAD = """\
+# Texts and files that may name or show the person to be erased. Replace each ? with a decision:
+#   redact   replace the name or the utterance with [forgotten], and silence its audio
+#   keep     leave it unchanged, because it does not name the person, or another person said it
+#   remove   remove the whole file; for files that cannot be edited or searched
+# Then run the same command again with --review THIS_FILE. This file contains the name: it is deleted when all
+# decisions are made.
+"""
+_PERSON, _NAMES = "# person: ", "# names: "
+_ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
+_MAX_BYTES = 64 << 20
+_DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
+
+
+class Review(Value):
+    """Decisions by key of place; ``names`` are the search terms."""
+
+    person_id: str
+    names: tuple[str, ...]
+    decisions: Mapping[str, Decision]
+
+
+def write_review(path: Path, person_id: str, names: Iterable[str], places: Iterable[Passage]) -> None:
+    """Write the review file. Raises OSError."""
+    lines = [_HEAD, f"{_PERSON}{person_id}\n", f"{_NAMES}{' | '.join(names)}\n"]
+    file = None
+    for place in places:
+        if place.file != file:
+            file = place.file
+            lines.append(f"\n# {_plain(file)}\n")
+        often = f" ({place.count} times)" if place.count > 1 else ""
+        words = f"{_plain(place.before)}»{_plain(place.name)}«{_plain(place.behind)}"
+        allowed = "  [the whole file: keep or remove]" if place.kind in ("file", "unexamined") else ""
+        lines.append(f"?  {place.key}  {place.where}{often}: {words}{allowed}\n")
+    replace_file(path, "".join(lines).encode("utf-8", "replace"), durable=True)
+
+
+def read_review(path: Path) -> Review:
+    """Read the decisions. Raises ErasureStoppedError for an unreadable file or an invalid line."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MAX_BYTES).decode("utf-8", "replace")
+    except OSError as error:
+        raise ErasureStoppedError(
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error),
+            QT_TR_NOOP("Nothing was changed."),
+            QT_TR_NOOP("Enter the path of the list of texts again."),
+        ) from error
+    person_id = ""
+    names: tuple[str, ...] = ()
+    decisions: dict[str, Decision] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.startswith(_NAMES):
+            names = tuple(name.strip() for name in line.removeprefix(_NAMES).split(" | ") if name.strip())
+        if line.startswith(_PERSON):
+            person_id = line.removeprefix(_PERSON).strip()
+        words = line.split(maxsplit=2)
+        if not words or line.startswith(("#", "?")):
+            continue
+        if len(words) < 2 or words[0] not in _DECISIONS:
+            raise ErasureStoppedError(
+                localized(
+                    QT_TR_NOOP("Line {number} of {path} starts with {word}, which is not a decision."),
+                    number=number,
+                    path=path,
+                    word=repr(words[0]),
+                ),
+                QT_TR_NOOP("Nothing was changed."),
+                localized(
+                    QT_TR_NOOP("Enter one of {words} there, or leave the ? for later."), words=", ".join(_DECISIONS)
+                ),
+            )
+        decisions[words[1]] = words[0]  # type: ignore[assignment]
+    return Review(person_id, names, decisions)
+
+
+def _plain(text: str) -> str:
+    """Single line with JSON escapes resolved."""
+    text = _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text)
+    return "".join(letter if letter.isprintable() else " " for letter in text)

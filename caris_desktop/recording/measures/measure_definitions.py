@@ -4,9 +4,8 @@ import re
 
 from caris_desktop.domain.events import LATE_FROM_S, RESPONSE_LIMIT_S
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.answers import AT_ONCE_S
-from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
-from caris_desktop.recording.session.utterances import HEARD_FROM_NS, PRESENT_SHARE
+from caris_desktop.recording.session.session_conversation import AT_ONCE_S, HEARD_FROM_NS, PRESENT_SHARE
+from caris_desktop.recording.session.session_robot import COMMAND_HOLDS_S
 from caris_desktop.recording.tables.catalog import unit_of
 
 

@@ -13,7 +13,8 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import MEASURES, Measure
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 
 _log = logging.getLogger(__name__)
 MEASURED_WITHIN_S = 60.0

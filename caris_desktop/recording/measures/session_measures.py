@@ -21,11 +21,11 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import TABLES, THRESHOLDS
 from caris_desktop.recording.measures.measure_plugins import added_columns
-from caris_desktop.recording.session.answers import Response
-from caris_desktop.recording.session.session_alarms import AlarmRecord
+from caris_desktop.recording.session.session_conversation import Response
 from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
 from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import AlarmRecord
 from caris_desktop.recording.tables.build import data_tables
 
 THIS_COMPUTER = "this computer"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk
 from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session import gap_messages
+from caris_desktop.recording.session import loss_messages
 from caris_desktop.recording.session.media_files import HEADER_BYTES, audio_file_name, wav_header
 from caris_desktop.recording.session.session_header import AudioInfo
 
@@ -66,7 +66,7 @@ class AudioFile:
             self._deviation_s = 0.0
         elif late < -_GAP_S * self.rate_hz:
             if -late >= len(samples):
-                raise ValueError(gap_messages.WRITTEN_ALREADY)
+                raise ValueError(loss_messages.WRITTEN_ALREADY)
             samples = samples[-late:]
             stamp_ns = self.first_stamp_ns + self.samples * 1_000_000_000 // self.rate_hz
             self._deviation_s = 0.0
@@ -182,7 +182,7 @@ class AudioWriter:
     def write(self, chunk: AudioChunk) -> list[AudioBlock]:
         """Write a chunk; return completed blocks. Raises OSError, and ValueError for invalid audio."""
         if chunk.samples.ndim != 2 or not 1 <= chunk.samples.shape[1] <= 64 or chunk.sample_rate_hz <= 0:
-            raise ValueError(localized(gap_messages.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
+            raise ValueError(localized(loss_messages.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
         blocks = []
         file = self._open.get(chunk.source)
         if file is not None and not file.fits(chunk):

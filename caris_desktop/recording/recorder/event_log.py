@@ -12,7 +12,7 @@ from caris_desktop.domain.json_encoding import DERIVED, derived_schema, schema_o
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session.mcap_file import McapFile
+from caris_desktop.recording.session.events_file import McapFile
 from caris_desktop.recording.session.session_header import FORMAT_VERSION
 
 

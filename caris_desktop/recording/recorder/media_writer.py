@@ -23,12 +23,10 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
 from caris_desktop.recording.recorder.recorder_messages import TakePhoto
-from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session import gap_messages
+from caris_desktop.recording.recorder.video_writer import FASTEST, Encoder, Encoders, VideoFileWriter
+from caris_desktop.recording.session import loss_messages
 from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import VideoInfo
+from caris_desktop.recording.session.session_header import SessionClock, VideoInfo
 
 _log = logging.getLogger(__name__)
 IMAGE_LOST = QT_TR_NOOP("The image was lost before it could be saved."), QT_TR_NOOP("Take the photo again.")
@@ -398,7 +396,7 @@ class _CameraThread:
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         if self._refuses:
-            self._results.append(MediaFailed("video", self._camera, 1, False, gap_messages.VIDEO_ENDED))
+            self._results.append(MediaFailed("video", self._camera, 1, False, loss_messages.VIDEO_ENDED))
             return
         try:
             self._video_for(image_bgr).write(image_bgr, ref)

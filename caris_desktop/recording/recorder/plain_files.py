@@ -13,7 +13,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import People, RobotPose
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 
 # A present person is seen in every frame, which is no reason to rewrite the file.
 _PEOPLE_EVERY_NS = 10_000_000_000

@@ -39,9 +39,9 @@ from caris_desktop.recording.recorder.recorder_messages import (
     UseConsents,
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
-from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.recorder.video_writer import Encoders
 from caris_desktop.recording.session.media_files import free_name
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
 _SOURCE_ID = "caris-desktop-markers"

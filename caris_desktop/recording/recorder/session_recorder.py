@@ -54,8 +54,8 @@ from caris_desktop.recording.recorder.media_writer import (
 )
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
-from caris_desktop.recording.recorder.video_encoders import Encoders
-from caris_desktop.recording.session import gap_messages
+from caris_desktop.recording.recorder.video_writer import Encoders
+from caris_desktop.recording.session import loss_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.manifest import HashingStopped, forget_counts, store_counts, write_manifest
 from caris_desktop.recording.session.session_header import HEADER_NAME, TRIAL_METADATA, RecordedPause, recorded_files
@@ -500,12 +500,12 @@ class SessionRecorder:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            reason = self._spared_because or gap_messages.ENCODING_SLOW
-            self._miss(spec.name, localized(gap_messages.LEFT_OUT, camera=ref.camera, why=reason))
+            reason = self._spared_because or loss_messages.ENCODING_SLOW
+            self._miss(spec.name, localized(loss_messages.LEFT_OUT, camera=ref.camera, why=reason))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
-            self._miss(spec.name, localized(gap_messages.OVERWRITTEN, camera=ref.camera))
+            self._miss(spec.name, localized(loss_messages.OVERWRITTEN, camera=ref.camera))
             return
 
         waits = self._blurring is not None and self._blurring.demanded
@@ -517,7 +517,7 @@ class SessionRecorder:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
-                self._miss(spec.name, localized(gap_messages.ENCODER_LATE, camera=ref.camera))
+                self._miss(spec.name, localized(loss_messages.ENCODER_LATE, camera=ref.camera))
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
@@ -533,10 +533,10 @@ class SessionRecorder:
             blocks = self._audio.write(chunk)
         except OSError as error:
             _log.exception("sound of %s", chunk.source)
-            self._miss("audio", localized(gap_messages.SOUND_REFUSED, source=chunk.source))
+            self._miss("audio", localized(loss_messages.SOUND_REFUSED, source=chunk.source))
             self._end_audio(error)
         except ValueError as error:
-            self._miss("audio", localized(gap_messages.OF_SOUND, source=chunk.source, why=_short(error)))
+            self._miss("audio", localized(loss_messages.OF_SOUND, source=chunk.source, why=_short(error)))
         else:
             self._put_blocks(blocks)
 
@@ -568,7 +568,7 @@ class SessionRecorder:
             self._miss(spec.name, QT_TR_NOOP("it could not be written to the disk"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
-            self._miss(spec.name, localized(gap_messages.NOT_WRITABLE, why=_short(error)))
+            self._miss(spec.name, localized(loss_messages.NOT_WRITABLE, why=_short(error)))
             if self._is_first(f"unwritable {spec.name}"):
                 self.problem(
                     "error",
@@ -679,11 +679,11 @@ class SessionRecorder:
             )
             return
         if failure.lost:
-            reason = localized(gap_messages.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
+            reason = localized(loss_messages.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
             self._miss("frame", reason, failure.lost)
         if failure.disk_full:
             self._end_video(QT_TR_NOOP("The disk is full."))
-        elif failure.kind == "video" and failure.detail != gap_messages.VIDEO_ENDED:
+        elif failure.kind == "video" and failure.detail != loss_messages.VIDEO_ENDED:
             self.problem(
                 "error",
                 QT_TR_NOOP("Video recording of {camera} stopped: {detail}."),
@@ -757,11 +757,11 @@ class SessionRecorder:
         behind_s, self._behind_ns = self._behind_ns / 1e9, 0
         self._report_behind(behind_s)
         self._spared_because = (
-            gap_messages.DISK_NEARLY_FULL
+            loss_messages.DISK_NEARLY_FULL
             if disk.stage in ("low", "out")
-            else gap_messages.DISK_SLOW
+            else loss_messages.DISK_SLOW
             if disk.slow
-            else gap_messages.RECORDER_BEHIND
+            else loss_messages.RECORDER_BEHIND
             if behind_s > _BEHIND_S
             else ""
         )

@@ -3,6 +3,7 @@
 import logging
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
+from operator import itemgetter
 from typing import IO, Any, Self
 
 import numpy as np
@@ -10,8 +11,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, Message
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import BlockIndex, DamagedBlockError, Message
 from caris_desktop.recording.session.session_header import reading
 from caris_desktop.recording.session.session_reader import Session, value_reader
 
@@ -42,7 +43,7 @@ class SessionTimeline:
         self.session = session
         self._path = session.folder / "events.mcap"
         with reading(self._path):
-            self._index: BlockIndex = mcap_chunks.read_index(self._path)
+            self._index: BlockIndex = events_file.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
         self._session_from_utc_ns = session.clock.at_utc(0)
         # Arrival of the last message of each chunk, including all before it.
@@ -51,7 +52,7 @@ class SessionTimeline:
         specs = {number: spec_of_topic(topic) for number, topic in self._topics.items()}
         self._specs: dict[int, StreamSpec] = {number: spec for number, spec in specs.items() if spec is not None}
         self._read = value_reader(self._path)
-        self._blocks: OrderedDict[int, _Block | None] = OrderedDict()
+        self._blocks: OrderedDict[int, _Block] = OrderedDict()
         self._cached_bytes = 0
         self._values: dict[int, tuple[tuple[int, int], Any]] = {}
 
@@ -76,13 +77,9 @@ class SessionTimeline:
 
     def arrivals_until(self, at_ns: int) -> list[tuple[int, Any]]:
         """The same, each with its arrival."""
-        found = [
-            place
-            for number in self._channels(lambda spec: spec.delivery is Delivery.LATEST)
-            if (place := self._newest(number, at_ns)) is not None
-        ]
-        arrivals = ((self._arrived_ns(*place), self._value(*place)) for place in sorted(found))
-        return [(arrived_ns, value) for arrived_ns, value in arrivals if value is not None]
+        channels = self._channels(lambda spec: spec.delivery is Delivery.LATEST)
+        newest = sorted(filter(None, (self._newest(channel, at_ns) for channel in channels)), key=itemgetter(0, 1))
+        return [(arrived_ns, value) for _, _, arrived_ns, value in newest if value is not None]
 
     def between(
         self, after_ns: int, until_ns: int, *, types: Iterable[type[Any]] | None = None
@@ -93,8 +90,6 @@ class SessionTimeline:
         last = int(np.searchsorted(self._ends_ns, until_ns, side="right"))
         for number in self._blocks_with(channels, first, min(last, self._index.count - 1)):
             block = self._block(number)
-            if block is None:
-                continue
             begin = int(np.searchsorted(block.arrivals_ns, after_ns, side="right"))
             end = int(np.searchsorted(block.arrivals_ns, until_ns, side="right"))
             for place in range(begin, end):
@@ -110,8 +105,6 @@ class SessionTimeline:
         found: list[tuple[int, Any]] = []
         for number in reversed(self._blocks_with(channels, 0, last)):
             block = self._block(number)
-            if block is None:
-                continue
             end = int(np.searchsorted(block.arrivals_ns, at_ns, side="right"))
             for place in range(end - 1, -1, -1):
                 if len(found) >= limit:
@@ -157,63 +150,51 @@ class SessionTimeline:
                 parts.append(blocks[np.searchsorted(blocks, first) : np.searchsorted(blocks, last, side="right")])
         return np.unique(np.concatenate(parts)).tolist() if parts else []
 
-    def _newest(self, channel: int, at_ns: int) -> tuple[int, int] | None:
-        """Chunk and position of the channel's newest message by that time."""
+    def _newest(self, channel: int, at_ns: int) -> tuple[int, int, int, Any] | None:
+        """Chunk, position, arrival and value of the channel's newest message by that time.
+
+        The last value of each channel is cached: a map is valid for a whole session.
+        """
         blocks = self._index.blocks_of.get(channel)
         if blocks is None:
             return None
         last = int(np.searchsorted(self._ends_ns, at_ns, side="right"))
         for number in blocks[: np.searchsorted(blocks, last, side="right")][::-1].tolist():
             block = self._block(number)
-            if block is None:
-                continue
             end = int(np.searchsorted(block.arrivals_ns, at_ns, side="right"))
             places = np.flatnonzero(block.channels[:end] == channel)
             if len(places):
-                return number, int(places[-1])
+                place = int(places[-1])
+                cached = self._values.get(channel)
+                if cached is None or cached[0] != (number, place):
+                    cached = self._values[channel] = (number, place), self._made(block, place)
+                return number, place, int(block.arrivals_ns[place]), cached[1]
         return None
-
-    def _arrived_ns(self, number: int, place: int) -> int:
-        block = self._block(number)
-        return 0 if block is None else int(block.arrivals_ns[place])
-
-    def _value(self, number: int, place: int) -> Any | None:
-        """Value of a message, with the last one of each channel cached: a map is valid for a whole session."""
-        block = self._block(number)
-        if block is None:
-            return None
-        channel = block.messages[place].channel
-        cached = self._values.get(channel)
-        if cached is None or cached[0] != (number, place):
-            cached = self._values[channel] = (number, place), self._made(block, place)
-        return cached[1]
 
     def _made(self, block: _Block, place: int) -> Any | None:
         message = block.messages[place]
         found = self._read(self._topics[message.channel], block.content[message.start : message.end])
         return None if found is None else found[1]
 
-    def _block(self, number: int) -> _Block | None:
-        """Chunk by number; None if damaged."""
+    def _block(self, number: int) -> _Block:
+        """Chunk by number, empty if damaged."""
         if number in self._blocks:
             self._blocks.move_to_end(number)
             return self._blocks[number]
-        block = self._unfolded(number)
-        self._blocks[number] = block
-        self._cached_bytes += len(block.content) if block is not None else 0
+        block = self._blocks[number] = self._unfolded(number)
+        self._cached_bytes += len(block.content)
         while len(self._blocks) > 1 and (len(self._blocks) > _KEPT_BLOCKS or self._cached_bytes > _KEPT_BLOCK_BYTES):
-            _, evicted = self._blocks.popitem(last=False)
-            self._cached_bytes -= len(evicted.content) if evicted is not None else 0
+            self._cached_bytes -= len(self._blocks.popitem(last=False)[1].content)
         return block
 
-    def _unfolded(self, number: int) -> _Block | None:
+    def _unfolded(self, number: int) -> _Block:
         try:
             with reading(self._path):
-                content = mcap_chunks.read_block(self._file, self._index, number)
+                content = events_file.read_block(self._file, self._index, number)
         except DamagedBlockError as error:
             _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
-            return None
-        messages = tuple(mcap_chunks.messages_of(content))
+            content = b""
+        messages = tuple(events_file.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
         if number:
             logged_ns = np.maximum(logged_ns, self._ends_ns[number - 1])

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.video_files import FILM_OPTIONS
-from caris_desktop.recording.session.frame_times import (
+from caris_desktop.recording.session.media_files import (
     NO_ROBOT_STAMP,
     UNKNOWN,
     FrameTimes,
+    camera_of_video,
+    content_of,
+    frame_times_of,
     index_path,
     read_frame_times,
+    video_file_name,
 )
-from caris_desktop.recording.session.media_files import camera_of_video, video_file_name
-from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 
@@ -322,8 +324,5 @@ def _unnamed(session: Session, path: Path) -> tuple[Path, str, int] | None:
             if video_file_name(value.camera, set()) == path.name:
                 break
     camera = camera_of_video(path.name, cameras)
-    try:
-        times = read_frame_times(index_path(path))
-    except (OSError, ValueError):
-        times = FrameTimes.none()
+    times = frame_times_of(path)
     return path, camera, int(times.stamps_ns[0]) if times.count else cameras.get(camera, session.started_ns)

@@ -8,7 +8,7 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
 from caris_desktop.domain.file_replacement import replace_file
@@ -75,8 +75,13 @@ def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True
         If ``may_go_on``, asked about every few milliseconds, says no.
     """
     lines = []
+
+    def stop(_count: int) -> None:
+        if not may_go_on():
+            raise HashingStopped
+
     for name in session_files(folder):
-        digest = _digest(folder / name, may_go_on)
+        digest = digest_of(folder / name, stop)
         escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
         lines.append(f"{'' if escaped == name else chr(92)}{digest}  {escaped}\n")
     path = folder / MANIFEST_NAME
@@ -94,22 +99,32 @@ def verify_manifest(folder: Path) -> list[str]:
     OSError
         If the manifest itself cannot be read (FileNotFoundError where there is none).
     """
-    text = (folder / MANIFEST_NAME).read_bytes().decode("utf-8", "surrogateescape")
     problems, listed = [], set()
-    for number, line in enumerate(text.removesuffix("\n").split("\n"), start=1):
-        match = _LINE.fullmatch(line)
-        if match is None:
+    for number, entry in enumerate(manifest_entries(folder), start=1):
+        if entry is None:
             problems.append(f"Line {number} of {MANIFEST_NAME} is not a checksum.")
             continue
-        escaped, digest, name = match.groups()
-        if escaped:
-            name = re.sub(r"\\(.)", lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), name)
+        name, digest = entry
         listed.add(name)
         problem = _problem_of(folder, name, digest)
         if problem:
             problems.append(problem)
     problems += [f"{name} was added after the session closed." for name in session_files(folder) if name not in listed]
     return problems
+
+
+def manifest_entries(folder: Path) -> Iterator[tuple[str, str] | None]:
+    """Name and checksum of each line of the manifest; None for a line that is no entry. Raises OSError."""
+    text = (folder / MANIFEST_NAME).read_bytes().decode("utf-8", "surrogateescape")
+    for line in text.removesuffix("\n").split("\n"):
+        match = _LINE.fullmatch(line)
+        if match is None:
+            yield None
+            continue
+        escaped, digest, name = match.groups()
+        if escaped:
+            name = re.sub(r"\\(.)", lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), name)
+        yield name, digest
 
 
 def session_files(folder: Path) -> list[str]:
@@ -134,7 +149,7 @@ def _problem_of(folder: Path, name: str, digest: str) -> str:
     if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(folder.resolve()):
         return f"{name} is outside the session folder."
     try:
-        found = _digest(path, lambda: True)
+        found = digest_of(path)
     except FileNotFoundError:
         return f"{name} is missing."
     except OSError as error:
@@ -142,11 +157,11 @@ def _problem_of(folder: Path, name: str, digest: str) -> str:
     return "" if found == digest else f"{name} was changed after the session closed."
 
 
-def _digest(path: Path, may_go_on: Callable[[], bool]) -> str:
+def digest_of(path: Path, on_bytes: Callable[[int], object] = lambda _count: None) -> str:
+    """SHA-256 of a file. ``on_bytes`` gets the length of each piece, and may raise to stop. Raises OSError."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(_BLOCK_BYTES):
             digest.update(block)
-            if not may_go_on():
-                raise HashingStopped
+            on_bytes(len(block))
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Crash recovery of an interrupted session: makes all saved data usable without overwriting any.
+"""Missing data of a session, and crash recovery: makes all saved data usable without overwriting any.
 
 Replaced files are preserved in the folder ``recovered``.
 """
@@ -8,9 +8,9 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
@@ -21,19 +21,23 @@ from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session import mcap_chunks, media_repair
+from caris_desktop.recording.session import events_file, media_files
+from caris_desktop.recording.session import loss_messages as words
+from caris_desktop.recording.session.events_file import MAGIC, AddedMessage, BlockIndex, rewrite
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
-from caris_desktop.recording.session.frame_times import index_path, read_frame_times
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, forget_counts, progress_counts, write_manifest
-from caris_desktop.recording.session.mcap_chunks import BlockIndex
-from caris_desktop.recording.session.mcap_records import MAGIC
-from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
-from caris_desktop.recording.session.media_files import camera_of_video, free_name
-from caris_desktop.recording.session.repair_messages import (
+from caris_desktop.recording.session.loss_messages import (
     lost_values_words,
     new_index_words,
     unread_bytes_words,
     unsaved_pictures_words,
+)
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, forget_counts, progress_counts, write_manifest
+from caris_desktop.recording.session.media_files import (
+    camera_of_video,
+    content_of,
+    free_name,
+    index_path,
+    read_frame_times,
 )
 from caris_desktop.recording.session.session_header import (
     HEADER_NAME,
@@ -49,9 +53,101 @@ from caris_desktop.recording.session.session_header import (
     recorded_files,
 )
 
+_EVENTS = "events.mcap"
+_MAX_TOLD = 5
+
+
+def losses_of(folder: Path, header: SessionHeader, missing: Mapping[str, int]) -> tuple[str, ...]:
+    """A sentence for each known data loss; empty if there is none.
+
+    Includes the findings of a repair, :func:`missing values <missing_values>`, and files that are missing or shorter
+    than at the close. Other changes are a matter of checksums.
+    """
+    return (*header.losses, *missing_words(header, missing), *_files_lacking(folder, header))
+
+
+def missing_words(header: SessionHeader, missing: Mapping[str, int]) -> tuple[str, ...]:
+    """Sentence on the number of missing values; empty if none are."""
+    count = sum(missing.values())
+    if not count:
+        return ()
+    recorded = max(count, sum(header.counts.values()))
+    return (localized(words.lost_values_words(count, broken=False, early=False), recorded=recorded),)
+
+
+def missing_values(folder: Path, header: SessionHeader) -> Counter[str]:
+    """Missing values per stream: counted in the header of a closed session and no longer in its log.
+
+    Excludes those that a repair found missing, since it counted the rest. Raises OSError.
+    """
+    if header.ended_ns is None or not header.counts:
+        return Counter()
+    expected = Counter(header.counts)
+    path = folder / _EVENTS
+    index = events_file.read_index(path)
+    of_channel: Counter[int] = Counter()
+    with path.open("rb") as file:
+        for content in events_file.intact_blocks(file, index):
+            of_channel.update(events_file.channels_in(content))
+    found: Counter[str] = Counter()
+    for channel, count in of_channel.items():
+        its = index.channels.get(channel)
+        if its is None or its.topic in DERIVED_TOPICS:
+            continue
+        spec = spec_of_topic(its.topic)
+        name = its.topic.removeprefix("/") if spec is None else spec.name
+        if spec is None:
+            name = next((one for one in expected if name.startswith(f"{one}/")), name)
+        found[name] += count
+    return expected - found
+
+
+def _files_lacking(folder: Path, header: SessionHeader) -> tuple[str, ...]:
+    """A sentence for each file that is missing or shorter than the header of a closed session says."""
+    sentences: list[str] = []
+    others: list[str] = []
+    for recorded in header.files if header.ended_ns is not None else ():
+        pure = PurePosixPath(recorded.name)
+        if not recorded.name or pure.is_absolute() or ".." in pure.parts:
+            continue
+        path = folder / recorded.name
+        try:
+            found_bytes = path.stat().st_size
+        except (OSError, ValueError):
+            found_bytes = -1
+        if found_bytes >= recorded.bytes:
+            continue
+        problem = _medium(path, header, found_bytes, recorded.bytes)
+        if problem:
+            sentences.append(problem)
+        else:
+            left = words.FILE_MISSING if found_bytes < 0 else words.FILE_SHORTER
+            others.append(localized(left, file=recorded.name, left=found_bytes, all=recorded.bytes))
+    sentences += others[:_MAX_TOLD]
+    if len(others) > _MAX_TOLD:
+        sentences.append(words.further_files_words(len(others) - _MAX_TOLD))
+    return tuple(sentences)
+
+
+def _medium(path: Path, header: SessionHeader, found_bytes: int, recorded_bytes: int) -> str:
+    """Loss of a video or audio file in frames and seconds; empty for other files."""
+    for video in header.videos:
+        if video.file_name == path.name:
+            content = content_of(path) if found_bytes >= 0 else None
+            left = 0 if content is None else len(content.times_s)
+            message = words.VIDEO_MISSING if found_bytes < 0 else words.pictures_left_words(left)
+            return localized(message, file=path.name, count=video.frames, camera=video.camera)
+    for sound in header.audio:
+        if sound.file_name == path.name:
+            lasts_s = sound.samples / max(1, sound.sample_rate_hz)
+            left_s = lasts_s * found_bytes / max(1, recorded_bytes)
+            message = words.SOUND_MISSING if found_bytes < 0 else words.SOUND_CUT_OFF
+            return localized(message, file=path.name, seconds=f"{lasts_s:.1f}", left=f"{left_s:.1f}")
+    return ""
+
+
 _log = logging.getLogger(__name__)
 KEPT_FOLDER = "recovered"
-_EVENTS = "events.mcap"
 _COPIED_BYTES = 1 << 20
 _REWRITTEN = f".{_EVENTS}.part"
 # Sessions of version 1 were closed without a manifest.
@@ -131,14 +227,18 @@ def repair_session(folder: Path) -> RepairReport:
             )
             return RepairReport(False, (localized(message, why=reason),))
         finally:
-            _remove(folder / _REWRITTEN)
+            path = folder / _REWRITTEN
+            try:
+                path.unlink(missing_ok=True)
+            except OSError:
+                _log.debug("%s stays behind", path, exc_info=True)
 
 
 def _wanting(folder: Path, header: SessionHeader) -> Literal["", "end", "manifest"]:
     """What the session lacks: a proper end, or only its manifest."""
     path = folder / _EVENTS
     with reading(path):
-        if header.ended_ns is None or not mcap_chunks.has_summary(path):
+        if header.ended_ns is None or not events_file.has_summary(path):
             return "end"
         if path.stat().st_size != (header.size_of(_EVENTS) or path.stat().st_size):
             return "end"
@@ -181,13 +281,28 @@ class _Repair:
                 header = replace(header, files=(*others, events))
             else:
                 sounds = tuple(self._repair_sounds())
-                videos = self._repair_videos()
+                recorded = {video.file_name: video.camera for video in self._header.videos}
+                videos = []
+                for frames in self._record.frames.values():
+                    frames.sort(key=lambda ref: ref.stamp_ns)
+                for path in sorted(self._folder.glob("video-*.mp4")):
+                    if inside(self._folder, path.name):
+                        video = self._repair_video(path, recorded.get(path.name, ""))
+                        if video is not None:
+                            videos.append(video)
+                self._count_lost_frames(videos)
                 self._move_leftovers()
+                pauses: list[RecordedPause] = []
+                for event in self._record.pauses:
+                    if event.paused:
+                        pauses.append(RecordedPause(event.stamp_ns))
+                    elif pauses:
+                        pauses[-1] = RecordedPause(pauses[-1].paused_ns, event.stamp_ns)
                 header = header.ended(
                     self._ended_ns,
                     self._reason,
                     dropped=dict(sorted(self._record.dropped.items())),
-                    pauses=self._pauses(),
+                    pauses=tuple(pauses),
                     videos=tuple(videos),
                     audio=sounds,
                     files=recorded_files(self._folder),
@@ -216,8 +331,8 @@ class _Repair:
         path = self._folder / _EVENTS
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
-            broken = not mcap_chunks.has_summary(path)
-            index = mcap_chunks.scan(file) if broken else mcap_chunks.read_index(path)
+            broken = not events_file.has_summary(path)
+            index = events_file.scan(file) if broken else events_file.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(
                     QT_TR_NOOP("{path} is not an event log: nothing in it can be read. Nothing was changed."), path=path
@@ -225,7 +340,7 @@ class _Repair:
             if broken:
                 self._rewrite_events(file, index)
             else:
-                for content in mcap_chunks.intact_blocks(file, index):
+                for content in events_file.intact_blocks(file, index):
                     self._inspect(index, content)
         if not broken:
             self._complete = self._record.ended is not None
@@ -238,13 +353,10 @@ class _Repair:
         part.unlink(missing_ok=True)
         for number in range(index.count):
             self._record.newest_utc_ns = max(self._record.newest_utc_ns, int(index.ends_utc_ns[number]))
-        target = DiskFile(part)
-        try:
+        with DiskFile(part) as target:
             end = self._end_event(index, file)
             rewrite(file, index, target, added=end, on_chunk=lambda content: self._inspect(index, content))
             target.sync()
-        finally:
-            target.close()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
         self._preserve(self._folder / _EVENTS)
@@ -256,7 +368,7 @@ class _Repair:
         spec = BY_TYPE[SessionEnded]
         for channel, its in index.channels.items():
             for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
-                self._inspect(index, mcap_chunks.read_block(file, index, number), only=channel)
+                self._inspect(index, events_file.read_block(file, index, number), only=channel)
         self._settle_end()
         self._complete = self._record.ended is not None
         if self._record.ended is not None:
@@ -285,7 +397,7 @@ class _Repair:
 
     def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
         record = self._record
-        for message in mcap_chunks.messages_of(content):
+        for message in events_file.messages_of(content):
             channel = index.channels.get(message.channel)
             if channel is None or channel.topic in DERIVED_TOPICS or (only is not None and message.channel != only):
                 continue
@@ -318,7 +430,7 @@ class _Repair:
         if self._damaged_bytes is None and self._preserved_name(_EVENTS):
             # An earlier attempt came this far and was interrupted.
             with (self._folder / KEPT_FOLDER / self._preserved_name(_EVENTS)).open("rb") as original:
-                self._damaged_bytes = mcap_chunks.scan(original).damaged_bytes
+                self._damaged_bytes = events_file.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
         lasted_s = self._clock.session_s(self._ended_ns)
         if self._preserved_name(_EVENTS):
@@ -358,7 +470,7 @@ class _Repair:
             if not inside(self._folder, path.name):
                 continue
             try:
-                sound = media_repair.repair_wav(path)
+                sound = media_files.repair_wav(path)
             except ValueError as error:
                 self._say(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
                 continue
@@ -374,29 +486,16 @@ class _Repair:
             last_ns = first_ns + sound.samples * 1_000_000_000 // rate_hz
             yield AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
 
-    def _repair_videos(self) -> list[VideoInfo]:
-        recorded = {video.file_name: video.camera for video in self._header.videos}
-        videos = []
-        for frames in self._record.frames.values():
-            frames.sort(key=lambda ref: ref.stamp_ns)
-        for path in sorted(self._folder.glob("video-*.mp4")):
-            if inside(self._folder, path.name):
-                video = self._repair_video(path, recorded.get(path.name, ""))
-                if video is not None:
-                    videos.append(video)
-        self._count_lost_frames(videos)
-        return videos
-
     def _repair_video(self, path: Path, camera: str) -> VideoInfo | None:
         self._cut_tail(path)
-        content = media_repair.content_of(path)
+        content = media_files.content_of(path)
         if content is None or not content.times_s:
             self._say(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
             return None
         camera = camera or camera_of_video(path.name, self._record.frames)
         recorded = self._record.frames.get(camera, [])
         index = index_path(path)
-        lines = media_repair.index_lines(path, content, recorded, self._clock)
+        lines = media_files.index_lines(path, content, recorded, self._clock)
         if lines is not None:
             if index.exists():
                 self._preserve(index)
@@ -424,7 +523,7 @@ class _Repair:
 
     def _cut_tail(self, path: Path) -> None:
         """Move an incomplete fragment at the end of a video aside: it is unusable and breaks some players."""
-        complete = media_repair.whole_bytes(path)
+        complete = media_files.whole_bytes(path)
         if complete in (0, path.stat().st_size):
             return
         with path.open("rb") as file:
@@ -473,15 +572,6 @@ class _Repair:
             self._preserve(path)
         replace(changed, lost=lost, losses=tuple(self._losses), repairs=repairs, as_read=as_read).write(self._folder)
 
-    def _pauses(self) -> tuple[RecordedPause, ...]:
-        pauses: list[RecordedPause] = []
-        for event in self._record.pauses:
-            if event.paused:
-                pauses.append(RecordedPause(event.stamp_ns))
-            elif pauses:
-                pauses[-1] = RecordedPause(pauses[-1].paused_ns, event.stamp_ns)
-        return tuple(pauses)
-
     def _preserved_name(self, name: str) -> str:
         """Name of the newest preserved original of a file; empty if there is none."""
         found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
@@ -506,10 +596,3 @@ class _Repair:
 
 def _unused(path: Path) -> Path:
     return path.with_name(free_name(path.name, "", lambda name: path.with_name(name).exists()))
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        _log.debug("%s stays behind", path, exc_info=True)

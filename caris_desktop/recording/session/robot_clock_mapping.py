@@ -134,6 +134,12 @@ def robot_clock(session: Session) -> RobotClock:
     return RobotClock(value for _, value in session.values("event/link_quality"))
 
 
+def clock_summary(session: Session) -> ClockSummary | None:
+    """Statistics of the robot clock of a session, for a report. Raises SessionError."""
+    utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
+    return robot_clock(session).summary(utc_ns_at=utc_ns, session_ns_at=session.started_ns)
+
+
 def _is_number(value: float | None) -> bool:
     """True if its nanoseconds fit into 64 bits, which excludes infinity."""
     return value is not None and abs(value) < _NEVER_MS

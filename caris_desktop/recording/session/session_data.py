@@ -20,30 +20,36 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.session.answers import (
+from caris_desktop.recording.session.session_conversation import (
     LlmAnswer,
     Response,
     ShownReply,
+    SpokenUtterance,
     answers_of,
     replies_of,
     reply_answers_of,
     responses_of,
+    spoken_utterances,
 )
-from caris_desktop.recording.session.session_alarms import AlarmRecord, alarms_of
-from caris_desktop.recording.session.session_clock import pauses_of
-from caris_desktop.recording.session.session_driving import Drive, NavigationGoal, drives_of, navigation_goals
+from caris_desktop.recording.session.session_header import pauses_of
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
     StepRecord,
     StepVisit,
-    scenario_file,
     step_visits_of,
     steps_of,
 )
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import (
+    AlarmRecord,
+    Drive,
+    NavigationGoal,
+    alarms_of,
+    drives_of,
+    navigation_goals,
+)
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, seen_throughout, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 
 T = TypeVar("T")
 FOLDED: tuple[type[Any], ...] = (
@@ -145,18 +151,24 @@ class SessionData:
             self.of_any(PROTOCOL_EVENTS),
             ended_ns=self.session.ended_ns,
             pauses=self.pauses,
-            scenario=scenario_file(self.session),
+            scenario=self.session.header.scenario.file,
         )
 
     @cached_property
     def steps(self) -> tuple[StepRecord, ...]:
-        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits, scenario=scenario_file(self.session))
+        scenario = self.session.header.scenario.file  # of events before the first that names one
+        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits, scenario=scenario)
 
     @cached_property
     def photos(self) -> tuple[PhotoTaken, ...]:
         """Photos without deleted ones."""
         deleted = {event.file_name: not event.restored for event in self.of(PhotoDeleted)}
         return tuple(photo for photo in self.of(PhotoTaken) if not deleted.get(photo.file_name))
+
+
+def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
+    """Utterances of a session in order of their start (or request). Raises SessionError."""
+    return read_data(session, (UtteranceChanged, UtteranceCorrected, RecordingPaused, *VISIT_EVENTS)).utterances
 
 
 def read_data(

@@ -1,28 +1,82 @@
-"""Session header (``session.json``): one typed value, read leniently, since sessions may come from any source."""
+"""Session time, and the session header (``session.json``): read leniently, since sessions may come from any source."""
 
 import io
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import field, fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any, Self, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import RobotChosen, ScenarioOpened, SessionStarted
+from caris_desktop.domain.events import RecordingPaused, RobotChosen, ScenarioOpened, SessionStarted
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.json_encoding import from_message
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import BlockIndex, Message
+from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_chunks import BlockIndex, Message
-from caris_desktop.recording.session.repair_messages import read_loss
-from caris_desktop.recording.session.session_clock import SessionClock
+
+
+class SessionClock(Value):
+    """Session clock; second 0 is ``started_ns``."""
+
+    anchor: ClockAnchor
+    started_ns: int
+
+    def session_s(self, stamp_ns: int) -> float:
+        """Seconds since the session start; negative for earlier values."""
+        return (stamp_ns - self.started_ns) / 1e9
+
+    def at_utc(self, utc_ns: int) -> int:
+        """Session time of a moment in UTC."""
+        return utc_ns - self.anchor.utc_ns + self.anchor.monotonic_ns
+
+    def utc(self, stamp_ns: int) -> str:
+        """ISO 8601 in UTC, microseconds: ``2026-11-21T10:14:02.123456Z``."""
+        seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
+        moment = datetime.fromtimestamp(seconds, UTC)
+        return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds // 1000:06d}Z"
+
+    def wall(self, stamp_ns: int) -> str:
+        """Local time: ``10:14:02.123``."""
+        seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)
+        moment = datetime.fromtimestamp(seconds, UTC).astimezone()
+        return f"{moment:%H:%M:%S}.{nanoseconds // 1_000_000:03d}"
+
+
+def clock_text(seconds: float) -> str:
+    """``12:04``, or ``1:02:04`` from an hour on."""
+    sign = "−" if seconds < -0.5 else ""
+    total_s = round(abs(seconds))
+    hours, rest = divmod(total_s, 3600)
+    return f"{sign}{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{sign}{rest // 60}:{rest % 60:02d}"
+
+
+# Pauses of a recording, from its events.
+
+
+def pauses_of(events: Iterable[RecordingPaused], *, ended_ns: int) -> list[tuple[int, int]]:
+    """Start and end of each pause in recording order; an unfinished one ends with the session."""
+    pauses: list[tuple[int, int]] = []
+    began_ns: int | None = None
+    for event in events:
+        if event.paused and began_ns is None:
+            began_ns = event.stamp_ns
+        elif not event.paused and began_ns is not None:
+            pauses.append((began_ns, event.stamp_ns))
+            began_ns = None
+    if began_ns is not None and began_ns < ended_ns:
+        pauses.append((began_ns, ended_ns))
+    return pauses
+
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -275,7 +329,7 @@ def _leniently(name: str, kind: Any, data: Any, invalid: list[str]) -> Any:
 def holds_record(folder: Path) -> bool:
     """True if ``folder`` contains events recorded by this program, with or without ``session.json``."""
     try:
-        return mcap_chunks.library_of(folder / _EVENTS) == _LIBRARY
+        return events_file.library_of(folder / _EVENTS) == _LIBRARY
     except OSError:
         return False
 
@@ -399,7 +453,7 @@ def rebuilt_header(folder: Path, *, missing: bool) -> SessionHeader | None:
     """
     try:
         with (folder / _EVENTS).open("rb") as file:
-            index = mcap_chunks.scan(file, thorough=False)
+            index = events_file.scan(file, thorough=False)
             began = _beginning(file, index)
             if began is None:
                 return None
@@ -462,7 +516,7 @@ def _first(file: IO[bytes], index: BlockIndex, kind: type[T]) -> T | None:
 def _messages(file: IO[bytes], index: BlockIndex, topics: set[str]) -> Iterator[tuple[Message, dict[str, Any]]]:
     """Messages of these topics."""
     channels = {number for number, channel in index.channels.items() if channel.topic in topics}
-    for message, content in mcap_chunks.read_messages(file, index, channels):
+    for message, content in events_file.read_messages(file, index, channels):
         with suppress(ValueError, RecursionError):
             data = json.loads(content)
             if isinstance(data, dict):

@@ -1,18 +1,11 @@
 """Final marks and notes of a session: one record per mark, from all of its changes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.domain.value_class import Value
-
-if TYPE_CHECKING:
-    # The running console folds its own marks without reading a session.
-    from caris_desktop.recording.session.session_reader import Session
 
 _TAG = re.compile(r"(?<!\S)#(\w[\w-]*)")
 
@@ -50,13 +43,10 @@ def notes_among(marks: Iterable[FinalMark]) -> tuple[FinalMark, ...]:
     return tuple(mark for mark in marks if mark.kind == "note" or mark.note)
 
 
-def final_marks(session: Session) -> tuple[FinalMark, ...]:
-    """Marks of a session in order of time, without withdrawn ones. Raises SessionError."""
-    return final_marks_of((value for _, value in session.values("event/marked")), ended_ns=session.ended_ns)
-
-
 def final_marks_of(events: Iterable[Marked], *, ended_ns: int) -> tuple[FinalMark, ...]:
-    """Final marks from ``events`` in recording order. Marks of older sessions without ids get mark-1, mark-2..."""
+    """Final marks in order of time, without withdrawn ones, from ``events`` in recording order. Marks of older sessions
+    without ids get mark-1, mark-2...
+    """
     histories: dict[str, list[Marked]] = {}
     for number, event in enumerate(events, start=1):
         histories.setdefault(event.mark_id or f"mark-{number}", []).append(event)

@@ -1,13 +1,16 @@
-"""Protocol of a session, planned against actual: visits of each step, durations and delays."""
+"""Plan of a session against what happened: the recorded scenario, checks before the start, and the protocol's steps."""
 
+import logging
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
-from typing import Literal
+from dataclasses import field, replace
+from typing import Any, Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import (
     PlannedStep,
+    PreflightChecked,
     ProtocolEnded,
     ProtocolOpened,
     ScenarioOpened,
@@ -15,8 +18,150 @@ from caris_desktop.domain.events import (
     StepHow,
     StepTicked,
 )
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+
+_log = logging.getLogger(__name__)
+_MAX_CHARACTERS = 256 * 1024
+
+
+class ScenarioText(Value):
+    """Scenario data for readers of a recording. ``permissions`` contains only what the file says."""
+
+    title: str
+    file_name: str
+    sha256: str
+    description: str = ""
+    phrases: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+    places: tuple[tuple[str, Pose2D], ...] = ()
+    permissions: dict[str, bool] = field(default_factory=dict)
+    panels: tuple[str, ...] = ()
+
+
+def read_scenario(event: ScenarioOpened) -> ScenarioText:
+    """Parse the scenario. Missing or invalid fields stay empty: the recording may be older than this program."""
+    content = _mapping(parsed_yaml(event.content, "scenario"))
+    recording = _mapping(content.get("recording"))
+    return ScenarioText(
+        title=event.title,
+        file_name=event.file_name,
+        sha256=event.sha256,
+        description=_string(content.get("description")),
+        phrases=tuple(_sentences(content.get("phrases"))),
+        labels=_strings(recording.get("labels")),
+        places=tuple(place for entry in _list(content.get("places")) if (place := _place(_mapping(entry))) is not None),
+        permissions={
+            str(name): value for name, value in _mapping(content.get("permissions")).items() if isinstance(value, bool)
+        },
+        panels=tuple(dict.fromkeys(_panels(content.get("layout")))),
+    )
+
+
+def parsed_yaml(text: str, what: str) -> Any:
+    """Parsed YAML; an empty mapping if unreadable. ``what`` names it in the log."""
+    if not text:
+        return {}
+    if len(text) > _MAX_CHARACTERS:
+        _log.warning("the recorded %s is not read: %d characters", what, len(text))
+        return {}
+    try:
+        return parse_yaml(text, finite=False).data
+    except YamlSourceError as error:
+        _log.warning("the recorded %s cannot be read: %s", what, error)
+        return {}
+
+
+def _place(entry: dict[Any, Any]) -> tuple[str, Pose2D] | None:
+    name, x_m, y_m = entry.get("name"), _metres(entry.get("x_m")), _metres(entry.get("y_m"))
+    return (name, Pose2D(x_m, y_m, 0.0)) if isinstance(name, str) and x_m is not None and y_m is not None else None
+
+
+def _metres(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _sentences(phrases: Any) -> Iterator[str]:
+    """Sentences of phrases: plain ones, those with options, and groups."""
+    for entry in _list(phrases):
+        group = _mapping(entry)
+        yield from (sentence for sentence in (_string(entry), _string(group.get("say"))) if sentence)
+        for inner in _list(group.get("phrases")):
+            yield from (sentence for sentence in (_string(inner), _string(_mapping(inner).get("say"))) if sentence)
+
+
+def _panels(node: Any, depth: int = 0) -> list[str]:
+    if not isinstance(node, dict) or depth > 20:
+        return []
+    found = [_string(node.get("panel")), *_strings(node.get("tabs"))]
+    for child in _list(node.get("children")):
+        found += _panels(child, depth + 1)
+    return [name for name in found if name]
+
+
+def _mapping(value: Any) -> dict[Any, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _string(value: Any) -> str:
+    return value.strip() if isinstance(value, str) else ""
+
+
+def _strings(value: Any) -> tuple[str, ...]:
+    return tuple(item for item in _list(value) if isinstance(item, str))
+
+
+class Preflight(Value):
+    """State of each check at the start; those ticked manually afterwards are in ``ticked_later``."""
+
+    checks: tuple[PreflightChecked, ...] = ()
+    ticked_later: frozenset[str] = frozenset()
+
+    @property
+    def passed(self) -> int:
+        return sum(check.state == "passed" for check in self.checks)
+
+    @property
+    def still_open(self) -> tuple[PreflightChecked, ...]:
+        return tuple(check for check in self.checks if check.state != "passed")
+
+
+def preflight_of(events: Iterable[PreflightChecked]) -> Preflight:
+    """Fold ``events``, in order of time."""
+    checks: dict[str, PreflightChecked] = {}
+    ticked: set[str] = set()
+    for event in events:
+        if event.at_start:
+            checks[event.check_id] = event
+        elif event.check_id in checks and checks[event.check_id].state != "passed":
+            (ticked.add if event.state == "passed" else ticked.discard)(event.check_id)
+    return Preflight(tuple(checks.values()), frozenset(ticked))
+
+
+def open_words(preflight: Preflight) -> list[str]:
+    """Each open check with its state: ``Emergency stop is released (major; the wizard started anyway)``."""
+    return [_open_words(check, later=check.check_id in preflight.ticked_later) for check in preflight.still_open]
+
+
+def _open_words(check: PreflightChecked, *, later: bool) -> str:
+    how: str = check.state
+    if check.accepted:
+        how += "; the wizard started anyway"
+    if later:
+        how += "; ticked later"
+    return f"{check.title} ({how})"
+
 
 ProtocolEvent = ScenarioOpened | ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
 PROTOCOL_EVENTS = (ScenarioOpened, ProtocolOpened, StepEntered, StepTicked, ProtocolEnded)
@@ -63,11 +208,6 @@ class StepRecord(Value):
     scenario: str = ""
 
 
-def scenario_file(session: Session) -> str:
-    """Scenario file of the header, for events before the first that names one."""
-    return session.header.scenario.file
-
-
 def step_visits_of(
     events: Iterable[ProtocolEvent], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = (), scenario: str = ""
 ) -> tuple[StepVisit, ...]:
@@ -85,7 +225,8 @@ def step_visits_of(
         key = entered_in, step.step_id
         planned, end_ns = plan.get(step.step_id), max(step.stamp_ns, at_ns)
         expected_s = 0.0 if planned is None else planned.expected_s
-        time_s = _without(step.stamp_ns, end_ns, pauses)
+        paused_ns = sum(max(0, min(end_ns, until_ns) - max(step.stamp_ns, since_ns)) for since_ns, until_ns in pauses)
+        time_s = (end_ns - step.stamp_ns - paused_ns) / 1e9
         before_s = spent_s.get(key, 0.0) if step.how == "back" else 0.0
         late_s = max(0.0, before_s + time_s - max(expected_s, before_s)) if expected_s else 0.0
         spent_s[key] = before_s + time_s
@@ -163,9 +304,3 @@ def _by_scenario(events: Iterable[ProtocolEvent], scenario: str) -> Iterator[tup
 def _unvisited(scenario: str, step: PlannedStep, number: int) -> StepRecord:
     items = len(step.tick)
     return StepRecord(step.step_id, step.title, number, step.expected_s, 0, 0.0, 0.0, 0, 0, items, None, scenario)
-
-
-def _without(start_ns: int, end_ns: int, pauses: Sequence[tuple[int, int]]) -> float:
-    """Seconds between two times, without pauses."""
-    paused_ns = sum(max(0, min(end_ns, until_ns) - max(start_ns, since_ns)) for since_ns, until_ns in pauses)
-    return (end_ns - start_ns - paused_ns) / 1e9

@@ -12,11 +12,15 @@ from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.missing_data import losses_of, missing_values
-from caris_desktop.recording.session.recovery import repair_session
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import SessionError, SessionHeader, read_header, reading
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.recovery import losses_of, missing_values, repair_session
+from caris_desktop.recording.session.session_header import (
+    SessionClock,
+    SessionError,
+    SessionHeader,
+    read_header,
+    reading,
+)
 
 __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
@@ -123,7 +127,12 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
         return replace(session, ended_ns=header.ended_ns, closed_properly=reason != RECOVERED, reason=reason)
     for _, end in session.values(BY_TYPE[SessionEnded].name):
         return replace(session, ended_ns=end.stamp_ns, closed_properly=end.reason != RECOVERED, reason=end.reason)
-    return replace(session, ended_ns=_newest_ns(folder / _EVENTS, clock))
+    path = folder / _EVENTS
+    with reading(path):
+        ends_utc_ns = events_file.read_index(path).ends_utc_ns
+    return replace(
+        session, ended_ns=max(clock.started_ns, clock.at_utc(int(ends_utc_ns.max()) if len(ends_utc_ns) else 0))
+    )
 
 
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
@@ -149,17 +158,10 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
     return read
 
 
-def _newest_ns(path: Path, clock: SessionClock) -> int:
-    """Arrival of the last saved message."""
-    with reading(path):
-        ends_utc_ns = mcap_chunks.read_index(path).ends_utc_ns
-    return max(clock.started_ns, clock.at_utc(int(ends_utc_ns.max()) if len(ends_utc_ns) else 0))
-
-
 def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec, Any]]:
     path, scrub = session.folder / _EVENTS, session.scrub
     with reading(path):
-        index = mcap_chunks.read_index(path)
+        index = events_file.read_index(path)
         file = path.open("rb")
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
@@ -169,7 +171,7 @@ def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in names}
     read, session_from_utc_ns = value_reader(path), session.clock.at_utc(0)
     with file, reading(path):
-        for message, data in mcap_chunks.read_messages(file, index, topics):
+        for message, data in events_file.read_messages(file, index, topics):
             found = read(topics[message.channel], scrub(data))
             if found is not None:
                 yield message.log_ns + session_from_utc_ns, *found

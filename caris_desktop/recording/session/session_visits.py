@@ -15,7 +15,6 @@ from caris_desktop.domain.events import (
     PersonSplit,
 )
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_reader import Session
 
@@ -31,7 +30,6 @@ VisitEvent = (
     | PeopleUndone
 )
 VISIT_EVENTS: tuple[type[VisitEvent], ...] = get_args(VisitEvent)
-VISIT_STREAMS = tuple(BY_TYPE[kind].name for kind in VISIT_EVENTS)
 
 
 class Visit(Value):

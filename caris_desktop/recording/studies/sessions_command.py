@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_header import clock_text
 from caris_desktop.recording.studies.study_index import StudyIndex
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.terminal import ProgressLine, aligned

@@ -26,7 +26,8 @@ from caris_desktop.recording.measures.measure_plugins import (
 )
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonyms_of
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import (
     ExportContext,
     ExportError,
@@ -252,17 +253,13 @@ def _export_tables(
     failures: list[str] = []
     values = plugin_values(plugins, folder, pseudonyms, failures.append)
     if plugins:
-        _write_values(tables / folder.name / f"{PLUGIN_TABLE}.parquet", folder.name, values)
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        kinds = pa.schema({"session": pa.string(), "measure": pa.string(), "value": pa.float64()})
+        rows = {"session": [folder.name] * len(values), "measure": list(values), "value": list(values.values())}
+        pq.write_table(pa.table(rows, kinds), (tables / folder.name / f"{PLUGIN_TABLE}.parquet"))
     return content_signature(folder), failures
-
-
-def _write_values(path: Path, session: str, values: dict[str, float]) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    kinds = pa.schema({"session": pa.string(), "measure": pa.string(), "value": pa.float64()})
-    rows = {"session": [session] * len(values), "measure": list(values), "value": list(values.values())}
-    pq.write_table(pa.table(rows, kinds), path)
 
 
 def _remove(folder: Path) -> None:
@@ -305,51 +302,22 @@ def _compute(out: Path, style: CsvStyle, plugins: Plugins) -> tuple[tuple[Summar
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"Computing with the tables in {out} failed: {error}") from error
     units = _UNITS | {one.plugin.name: (one.definition.unit, one.definition.description) for one in plugins}
-    summary = tuple(
-        SummaryRow(
-            condition=None if row["of"] == "study" else str(row["condition"] or ""),
-            measure=row["measure"],
-            unit=units[row["measure"]][0],
-            description=units[row["measure"]][1],
-            n=row["n"],
-            mean=row["mean"],
-            sd=row["sd"],
-            median=row["median"],
-            smallest=row["min"],
-            largest=row["max"],
-        )
-        for row in rows
-    )
     order = {name: number for number, name in enumerate(units)}
-    summary = tuple(
-        sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
-    )
+    summary, of_csv = list[SummaryRow](), list[dict[str, Any]]()
+    for row in sorted(rows, key=lambda row: (row["of"] != "study", row["condition"] or "", order[row["measure"]])):
+        condition = None if row["of"] == "study" else str(row["condition"] or "")
+        unit, description = units[row["measure"]]
+        numbers = {name: row[name] for name in ("n", "mean", "sd", "median", "min", "max")}
+        summary.append(SummaryRow(condition, row["measure"], unit, description, *numbers.values()))
+        about = {"of": row["of"], "condition": condition, "measure": row["measure"], "unit": unit}
+        of_csv.append(about | numbers | {"description": description})
     _write_csv(out / "measures.csv", measures, style)
     _write_csv(out / "codebook.csv", measure_rows(one.definition for one in plugins), style)
     for name, found in others.items():
         _write_csv(out / f"{name}.csv", found, style)
-    _write_csv(
-        out / "summary.csv",
-        [
-            {
-                "of": "study" if row.condition is None else "condition",
-                "condition": row.condition,
-                "measure": row.measure,
-                "unit": row.unit,
-                "n": row.n,
-                "mean": row.mean,
-                "sd": row.sd,
-                "median": row.median,
-                "min": row.smallest,
-                "max": row.largest,
-                "description": row.description,
-            }
-            for row in summary
-        ],
-        style,
-    )
+    _write_csv(out / "summary.csv", of_csv, style)
     replace_file(out / "queries.sql", queries(out, plugins).encode(), durable=False)
-    return summary, tuple(measures)
+    return tuple(summary), tuple(measures)
 
 
 def _rows(database: Any, query: str) -> list[dict[str, Any]]:

@@ -13,17 +13,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
+from caris_desktop.domain.events import (
+    LlmExchange,
+    Marked,
+    Problem,
+    RecordingPaused,
+    UtteranceChanged,
+    UtteranceCorrected,
+)
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
+from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.repair_messages import read_loss
-from caris_desktop.recording.session.session_marks import final_marks_of
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_utterances
+from caris_desktop.recording.session.session_data import read_data
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)
@@ -320,7 +327,9 @@ class StudyIndex:
         _log.warning("%s is made anew: %s", self._path, damage)
         database: sqlite3.Connection | None = None
         try:
-            _put_aside(self._path)
+            self._path.replace(self._path.with_name(f"{self._path.name}.damaged"))
+            for suffix in ("-wal", "-shm"):
+                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
             database = _connected(str(self._path))
             _prepare(database)
         except (OSError, sqlite3.Error) as error:
@@ -393,13 +402,6 @@ def _is_damage(error: sqlite3.Error) -> bool:
     code = getattr(error, "sqlite_errorcode", None)
     broken = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
     return code is not None and (code & 0xFF) in broken
-
-
-def _put_aside(path: Path) -> None:
-    """Move the file aside: nothing is lost, and a foreign file must not be deleted. Raises OSError."""
-    path.replace(path.with_name(f"{path.name}.damaged"))
-    for suffix in ("-wal", "-shm"):
-        path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 # One session
@@ -489,7 +491,7 @@ def _content(folder: Path) -> _Content:
         duration_s=session.duration_s,
         scenario=_storable(session.header.scenario.title),
         closed_properly=session.closed_properly,
-        size_bytes=_size_bytes(folder),
+        size_bytes=sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file()),
         utterances=sum(item.kind in _UTTERANCES for item in items),
         marks=sum(item.kind in _MARKS for item in items),
         problems=sum(item.kind == "problem" for item in items),
@@ -511,37 +513,29 @@ def _content(folder: Path) -> _Content:
 
 _UTTERANCES = ("robot", "participant", "wizard")
 _MARKS = ("mark", "wizard_error", "note")
-_TOLD_BY = (
-    *UTTERANCE_STREAMS, "event/recording_paused", "event/marked", "event/llm_exchange", "event/problem",
-)  # fmt: skip
+_TOLD_BY = (UtteranceChanged, UtteranceCorrected, RecordingPaused, Marked, LlmExchange, Problem)
 
 
 def _items(session: Session) -> Iterator[_Item]:
     def item(at_ns: int, kind: str, text: str, quoted: int = 0) -> _Item:
         return _Item(at_ns, session.clock.session_s(at_ns), kind, _storable(text), quoted)
 
-    # One pass: interrupted sessions have no index to seek by.
-    events = [value for _, value in session.values(*_TOLD_BY)]
-    paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
-    utterances = [event for event in events if isinstance(event, UtteranceEvent)]
-    spoken = spoken_utterances(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns)
-    timed = [(one, one.start_ns) for one in spoken if one.said and one.start_ns is not None]
+    data = read_data(session, _TOLD_BY)
+    timed = [(one, one.start_ns) for one in data.utterances if one.said and one.start_ns is not None]
     texts = {text for one, _ in timed if (text := " ".join(one.text.split()))}
     quoted: Counter[str] = Counter()
     exchanges = []
-    for event in events:
-        if isinstance(event, LlmExchange):
-            question, found = _without_quotations(event.messages[-1].content if event.messages else "", texts)
-            quoted.update(found)
-            exchanges.append(item(event.asked_ns, "assistant", f"{question}\n{event.answer}".strip()))
+    for exchange in data.of(LlmExchange):
+        question, found = _without_quotations(exchange.messages[-1].content if exchange.messages else "", texts)
+        quoted.update(found)
+        exchanges.append(item(exchange.asked_ns, "assistant", f"{question}\n{exchange.answer}".strip()))
     for one, start_ns in timed:
         yield item(start_ns, one.speaker, one.text, quoted[" ".join(one.text.split())])
     yield from exchanges
-    for mark in final_marks_of((event for event in events if isinstance(event, Marked)), ended_ns=session.ended_ns):
+    for mark in data.marks:
         yield item(mark.start_ns, mark.kind, " ".join(part for part in (mark.label, mark.note) if part))
-    for event in events:
-        if isinstance(event, Problem):
-            yield item(event.stamp_ns, "problem", f"{event.what} {event.meaning}".strip())
+    for problem in data.of(Problem):
+        yield item(problem.stamp_ns, "problem", f"{problem.what} {problem.meaning}".strip())
     yield from _annotations(session)
 
 
@@ -577,10 +571,6 @@ def _annotations(session: Session) -> Iterator[_Item]:
 def _storable(text: str) -> str:
     """``text`` without characters that UTF-8 or SQLite cannot hold: lone surrogates and NUL."""
     return text.encode("utf-8", "replace").decode().replace("\0", " ")
-
-
-def _size_bytes(folder: Path) -> int:
-    return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 # Queries

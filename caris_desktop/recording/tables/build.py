@@ -1,4 +1,4 @@
-"""Tables of a session, in batches of rows from one pass over the recording."""
+"""Tables of a session, in batches of rows from one pass over the recording, with their columns as Arrow arrays."""
 
 import dataclasses
 import functools
@@ -13,11 +13,90 @@ from caris_desktop.domain.streams import STREAMS
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
 from caris_desktop.recording.session.session_data import FOLDED, SessionData
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.tables.arrow import array
-from caris_desktop.recording.tables.catalog import Moment, RowTimes, Table, key_columns, tables_of
+from caris_desktop.recording.tables.catalog import (
+    Column,
+    Kind,
+    Moment,
+    RowTimes,
+    Table,
+    json_text,
+    key_values,
+    plain_text,
+    scalar_text,
+    tables_of,
+)
 from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION_TABLE, annotations, session_facts
 
 _log = logging.getLogger(__name__)
+
+
+def array(table: str, column: Column, values: list[Any]) -> Any:
+    """Arrow array of a column; values that do not fit (damaged recording) become missing and are logged."""
+    import pyarrow as pa
+
+    kind = arrow_type(column.kind)
+    if ready := _READY.get(column.kind):
+        values = [None if value is None else ready(value) for value in values]
+    try:
+        return pa.array(values, kind)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+        fitting = [_fitting(value, kind) for value in values]
+        left_out = sum(one is None for one in fitting) - sum(one is None for one in values)
+        _log.warning("%s: %d values are left out: no %s", table, left_out, kind)
+        return pa.array(fitting, kind)
+
+
+def arrow_type(kind: Kind) -> Any:
+    import pyarrow as pa
+
+    match kind:
+        case "integer":
+            return pa.int64()
+        case "number":
+            return pa.float64()
+        case "true or false":
+            return pa.bool_()
+        case "utc":
+            return pa.timestamp("us", tz="UTC")
+        case "integers":
+            return pa.list_(pa.int64())
+        case "numbers":
+            return pa.list_(pa.float32())
+        case "texts":
+            return pa.list_(pa.string())
+        case "points":
+            return pa.list_(pa.list_(pa.float32()))
+        case "cells":
+            return pa.list_(pa.int8())
+        case "depths":
+            return pa.list_(pa.uint16())
+        case "text" | "json":
+            return pa.string()
+
+
+_READY: dict[Kind, Callable[[Any], Any]] = {
+    "text": scalar_text,
+    "json": json_text,
+    "utc": lambda value: value // 1000,
+    "numbers": lambda value: np.asarray(value, dtype=np.float32).ravel(),
+    "points": lambda value: [point.tolist() for point in value],
+    "cells": np.ravel,
+    "depths": np.ravel,
+    "texts": lambda value: [plain_text(str(item)) for item in value],
+}
+"""Conversion for the column's type, of values that Arrow does not take as they are."""
+
+
+def _fitting(value: Any, kind: Any) -> Any:
+    import pyarrow as pa
+
+    try:
+        pa.scalar(value, kind)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+        return None
+    return value
+
+
 # Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _PROGRESS_EVERY_VALUES = 500
@@ -183,14 +262,14 @@ def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[
                 (Moment(value.stamp_ns), value) for value in data.of(spec.value_type) if _has_stamp(value, session)
             )
             rows[name] = (tables_of(spec)[0], list(values))
-    keys = [(column.name, column.read(None, times)) for column in key_columns(session)]
+    keys = key_values(session)
     tables = {}
     for name, columns in wanted.items():
         table, of_table = rows[name]
         some = table.only(columns)
         arrays = [array(name, *each) for each in zip(some.columns, some.cells(of_table, times), strict=True)]
-        whose = [pa.repeat(pa.scalar(value, pa.string()), len(of_table)) for _, value in keys]
-        names = [*(key for key, _ in keys), *(column.name for column in some.columns)]
+        whose = [pa.repeat(pa.scalar(value, pa.string()), len(of_table)) for value in keys.values()]
+        names = [*keys, *(column.name for column in some.columns)]
         tables[name] = pa.Table.from_arrays([*whose, *arrays], names=names)
     return tables
 

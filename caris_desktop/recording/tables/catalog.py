@@ -21,7 +21,7 @@ from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.tables.meanings import Meaning, meaning_of, split_docstring
 
@@ -186,6 +186,11 @@ def key_columns(session: Session) -> tuple[Column, ...]:
     return tuple(_constant(name, text, plain_text(value), empty) for name, text, value, empty in columns)
 
 
+def key_values(session: Session) -> dict[str, Any]:
+    """Values of the key columns, the same in every row."""
+    return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
+
+
 def _constant(name: str, description: str, value: str, empty: str) -> Column:
     return Column(name, "", "text", description, lambda _row, _times: value, empty=empty)
 
@@ -251,6 +256,12 @@ def plain_text(text: str) -> str:
     return text if text.isascii() else _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
+def one_line(text: str) -> str:
+    """Printable characters of ``text``, with single spaces."""
+    printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
+    return " ".join(printable.split())
+
+
 # Columns from the fields of dataclasses
 
 
@@ -304,7 +315,8 @@ def _columns_of_field(
     if name in _RESERVED:
         name = f"value_{name}"
     within, read = read, read or _reader(path)
-    hint, optional = _without_none(hint)
+    some = [member for member in union_members(hint) if member is not type(None)]
+    hint, optional = some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
     unit = unit_of(name)
     if optional and not meaning.empty:
         meaning = Meaning(meaning.text, "Not recorded.")
@@ -434,12 +446,6 @@ def _of_item(column: Column, within: str) -> Column:
     read = column.read
     field = f"{within}{column.field}" if column.field else ""
     return dataclasses.replace(column, read=lambda row, times: read(row[1], times), field=field)
-
-
-def _without_none(hint: Any) -> tuple[Any, bool]:
-    """``hint`` without None, and whether it was optional."""
-    some = [member for member in union_members(hint) if member is not type(None)]
-    return some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
 
 
 def _itself(value: Any) -> Any:

@@ -39,12 +39,12 @@ from caris_desktop.domain.sound_values import Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitTextEdit
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
-from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 NOT_SURE = QT_TR_NOOP("somebody")
 ROBOT, WIZARD, PARTICIPANT = QT_TR_NOOP("robot"), QT_TR_NOOP("wizard"), QT_TR_NOOP("participant")

@@ -1,1 +1,1 @@
-"""Keyboard input: teleoperation keys, key positions, push-to-talk, and what a key does now."""
+"""Keyboard input: teleoperation keys, physical keys, and push-to-talk."""

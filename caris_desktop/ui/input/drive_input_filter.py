@@ -46,11 +46,25 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import bar_of, focused_widget, follow_click, key_place_of, window_of
-from caris_desktop.ui.input.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
-from caris_desktop.ui.input.keyboard_grab import KeyboardGrab, had_the_keys
-from caris_desktop.ui.input.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, NativeKeyEvents, PhysicalKeys
-from caris_desktop.ui.input.teleop_input import WISHES, Hold, TeleopInput
-from caris_desktop.ui.key_positions import key_code, position_codes, position_of
+from caris_desktop.ui.input.physical_keys import (
+    LONGEST_REPEAT_GAP_S,
+    X11_LEVELS,
+    KeyboardGrab,
+    NativeKeyEvents,
+    PhysicalKeys,
+    had_the_keys,
+)
+from caris_desktop.ui.input.teleop_input import (
+    CHORD_MODIFIERS,
+    LETTERS,
+    WISHES,
+    Hold,
+    KeyBindings,
+    PressedKey,
+    TeleopInput,
+    pressed_key,
+)
+from caris_desktop.ui.key_choices import key_code, position_codes, position_of
 
 DOUBLE_STOP_S = 0.6
 STOPS = "stops"

@@ -23,9 +23,8 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.map.map_state import TRAIL_SHADES, MapState, length_in_words
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 
 OCCUPIED = 65
 """Occupancy from which a cell is an obstacle, as in ROS map_server."""

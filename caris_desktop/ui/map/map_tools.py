@@ -11,7 +11,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.map.map_state import Tool

@@ -18,13 +18,12 @@ from PySide6.QtWidgets import QLineEdit, QListView, QStyleOptionViewItem, QWidge
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.key_positions import key_code, position_of
+from caris_desktop.ui.key_choices import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label
 from caris_desktop.ui.widgets.rows import Index, RowDelegate
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 RECENT = 5
 OFTEN = 6

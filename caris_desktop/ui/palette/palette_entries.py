@@ -26,6 +26,7 @@ from caris_desktop.ui.action_rows import (
     SAFETY_GROUP,
     SCENARIO_GROUP,
     SPEAKING_GROUP,
+    ActionSpec,
     answer_asked,
     go_to_nth_place,
     present_step,
@@ -35,19 +36,17 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     target_of,
 )
-from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.banners import QuestionBanner
-from caris_desktop.ui.control_messages import question_for
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.menus import sound_choices
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.command_palette import CommandPalette, PaletteItem
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.people.shown_people import everyone, is_asked
-from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.speak_field import voice_choices
-from caris_desktop.ui.text_formatting import UNDER_WAY
+from caris_desktop.ui.text_formatting import UNDER_WAY, local_time, question_for
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words
+from caris_desktop.ui.window_menus import THEME_WORDS, AppContext
 
 _DO, _SAY, _WINDOW, _PANEL = QT_TR_NOOP("Do"), QT_TR_NOOP("Say"), QT_TR_NOOP("Window"), QT_TR_NOOP("Panel")
 _SCENARIO, _ROBOT, _CONTROL = QT_TR_NOOP("Scenario"), QT_TR_NOOP("Robot"), QT_TR_NOOP("Control")
@@ -346,8 +345,6 @@ class PaletteEntries:
         yield from map(self._of_session, windows.recent)
 
     def _of_session(self, session: SessionEntry) -> PaletteItem:
-        from caris_desktop.ui.session_table import local_time  # imported late: the first window does not need it
-
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
         return item(
             QT_TR_NOOP("Session"), localized(QT_TR_NOOP("Replay {session}"), session=" · ".join(filter(None, heading))),

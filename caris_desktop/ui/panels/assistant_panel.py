@@ -25,10 +25,9 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.assistant.model_file_dialog import choose_model_file
-from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips, picture_words
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.prompt_context_chips import PromptContextChips, choose_model_file, picture_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow

@@ -7,8 +7,7 @@ from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QKeyEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
-from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
-from caris_desktop.conversation.response_timing import LATE_S, waiting
+from caris_desktop.conversation.conversation_transcript import LATE_S, Turn, in_order, next_speaker, waiting
 from caris_desktop.conversation.suggestions.suggestion_cycle import MOST_REPLIES
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistedFunction
@@ -21,7 +20,7 @@ from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.transcript_view import RowMaker, TranscriptView, found_in
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.focus_widget import focus_widget
-from caris_desktop.ui.menu_choices import add_choices
+from caris_desktop.ui.menus import add_choices
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.theme import Theme

@@ -24,7 +24,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
-from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.ros.message_conversion import republish_advice
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme

@@ -23,17 +23,17 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QPushButton, QSiz
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.gamepad import AT_REST, TeleopCommand
 from caris_desktop.live.status import DriveStatus, HeadStatus
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings
-from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.action_rows import SPEED_FRACTIONS, SPEED_NAMES, speed_step
 from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
-from caris_desktop.ui.input.key_owner import owner_sentence
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.status_bar import owner_sentence
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, restyle
@@ -534,7 +534,7 @@ class SpeedSteps(QWidget):
         frame.setObjectName("speed_frame")
         steps = layouts.hbox(frame, margins_px=0, spacing_px=0)
         self._steps: list[QPushButton] = []
-        for name, fraction in zip(speed_steps.NAMES, speed_steps.FRACTIONS, strict=True):
+        for name, fraction in zip(SPEED_NAMES, SPEED_FRACTIONS, strict=True):
             step = QPushButton(tr(name))
             step.setCheckable(True)
             step.setObjectName("speed_step")
@@ -554,7 +554,7 @@ class SpeedSteps(QWidget):
         return QSize(132, 30)
 
     def show_fraction(self, fraction: float) -> None:
-        step = speed_steps.step_at(fraction)
+        step = speed_step(fraction)
         if step != self._step:
             self._step = step
             self._show()

@@ -6,15 +6,14 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.drawing import FaceMotion, drawing_of
 from caris_desktop.conversation.face.face_file import Face, FaceError, load_face
-from caris_desktop.conversation.face.face_motion import FaceMotion
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_rows import EXPRESSION_COUNT
-from caris_desktop.ui.face.face_view import FaceView, show_on
+from caris_desktop.ui.face_window import FaceView, show_on
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow

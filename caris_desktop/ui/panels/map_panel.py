@@ -15,13 +15,13 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus, MapStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.map.map_state import Layer, legend
-from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.robot_motion import nearest_words
 from caris_desktop.ui.widgets.accessible_descriptions import (
     TOLD_EVERY_MS,
     ThrottledAccessibleDescription,

@@ -16,7 +16,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import text_formatting, tokens
-from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton

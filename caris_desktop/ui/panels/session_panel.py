@@ -24,15 +24,15 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.status_bar import ROOM_LOW_S
+from caris_desktop.ui.text_formatting import wrapped_tip
+from caris_desktop.ui.theme import draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, FastTableView, Index, KeyedItems, RowDelegate
-from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 LOG_ROWS = 2000
 LOG_LINE_PX, LOG_LEAST_LINES = 26, 3

@@ -16,10 +16,9 @@ from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import IdentityQuestion, as_permitted, with_one_question
-from caris_desktop.ui.robot_motion import RobotMotion
+from caris_desktop.ui.robot_motion import RobotMotion, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.widgets.accessible_descriptions import (
     TOLD_EVERY_MS,
     RecentlyVisible,

@@ -34,11 +34,11 @@ from caris_desktop.ui.people.shown_people import (
     presence_of,
     what_is_seen,
 )
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.rows import FastTableView, Index, RowDelegate
-from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
 CAPTION_PX = 26

@@ -31,11 +31,10 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.portraits import PortraitPixmaps, PortraitView
 from caris_desktop.ui.people.shown_people import found, in_order, is_identified, what_is_seen
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import CheckBox, SubmitLineEdit, add_clear_button

@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QLabel
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.pictures import image_of
 
 AVATAR_PX = 38

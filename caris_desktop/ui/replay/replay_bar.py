@@ -29,7 +29,7 @@ from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.replay.timeline_items import exact_text

@@ -32,8 +32,8 @@ from caris_desktop.recording.annotation.annotation_editing import LONGEST_NAME, 
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.coder_agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.ui import layouts
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.replay.timeline_items import SCENARIO_LABELS, vocabulary_named, vocabulary_title
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled

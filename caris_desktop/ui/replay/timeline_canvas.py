@@ -29,7 +29,6 @@ from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.timeline_items import (
     CENTER,
     LEFT,
@@ -48,7 +47,7 @@ from caris_desktop.ui.replay.timeline_items import (
     snapped,
     vocabulary_title,
 )
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 
 _DRAG_PX = 4
 _SNAP_PX = 6

@@ -18,9 +18,8 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.text_formatting import elapsed
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 
 RowKind = Literal["pictures", "sound", "speed", "tier"]
 SHORTEST_MS = 40

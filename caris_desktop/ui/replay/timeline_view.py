@@ -33,8 +33,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.key_choices import normalized
-from caris_desktop.ui.key_positions import key_code, position_of
+from caris_desktop.ui.key_choices import key_code, normalized, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.replay_bar import ReplayBar, Thumbnails
 from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier

@@ -33,13 +33,12 @@ from caris_desktop.scenario.phrases import LOOK, NOD
 from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
-from caris_desktop.ui.icons import icon
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names, named
 from caris_desktop.ui.scenario_editor.pages import ComparePage, Other, SectionPage, TextPage, sections
 from caris_desktop.ui.scenario_editor.preview import preview_page
 from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Opened, Saving, as_sentence, opened_file
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import ElidedLabel

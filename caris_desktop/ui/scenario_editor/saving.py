@@ -24,7 +24,7 @@ from caris_desktop.scenario.scenario_file import scenario_data
 from caris_desktop.scenario.scenario_library import own_file, own_file_called
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
-from caris_desktop.ui.announcing import announce
+from caris_desktop.ui.accessibility import announce
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -9,8 +9,7 @@ from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width
 
 ButtonRole = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber", "bare"]

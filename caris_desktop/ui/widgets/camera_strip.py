@@ -14,10 +14,8 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
-from caris_desktop.ui.pixmap_cache import PixmapCache
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import PixmapCache, Theme, draw_icon
 from caris_desktop.ui.widgets.frame_view import detections_fit, fitted, paint_words
 
 EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0

@@ -27,12 +27,10 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import CameraState, FrameRef, HeadState, People, PersonBox
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
-from caris_desktop.ui.pixmap_cache import PixmapCache
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import PixmapCache, Theme, draw_icon
 
 FARTHEST_M = 8.0
 """Beyond this a pixel covers half a metre or more of floor."""

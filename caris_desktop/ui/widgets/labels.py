@@ -7,8 +7,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QLabel, QLineEdit, QSizePolicy, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 
 FIELD_PX = 36
 

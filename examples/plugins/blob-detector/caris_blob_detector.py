@@ -9,7 +9,7 @@ LEAST_CONTRAST = 40
 
 
 class BlobDetector:
-    """The contract is ``caris_desktop.perception.detector_plugins.DetectorPlugin``."""
+    """The contract is ``caris_desktop.perception.detector.DetectorPlugin``."""
 
     caris_interface = 1
     class_names = ("person",)

@@ -12,7 +12,7 @@ OTHERWISE = "I do not know that. Please ask at the desk."
 
 
 class PhraseModel:
-    """The contract is ``caris_desktop.conversation.plugin_server.LanguageModel``."""
+    """The contract is ``caris_desktop.conversation.embedded_server.LanguageModel``."""
 
     caris_interface = 1
 

@@ -3,9 +3,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from caris_desktop.conversation.face.drawing import Box, Lips, Words, drawing_of
+from caris_desktop.conversation.face.drawing import (
+    Box,
+    FaceMotion,
+    FaceState,
+    Lips,
+    SpokenLoudness,
+    Words,
+    drawing_of,
+    loudness,
+)
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import FaceMotion, FaceState, SpokenLoudness, loudness
 
 FRAME_NS = 40_000_000
 UNBLINKING = Face("A", blink_every_s=0.0)

@@ -8,9 +8,8 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
-from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.drawing import FaceState, drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.conversation.face.page import FacePage, drawn
 
 FACE = Face("A")

@@ -4,14 +4,14 @@ import pytest
 
 from caris_desktop.conversation.listening.endpointing import (
     EndpointDelayModel,
-    SilenceBounds,
     SilenceOfPeople,
     TurnTaking,
     silence_to_wait_s,
 )
+from caris_desktop.conversation.listening.recogniser_messages import UseSilence
 
 WINDOW_NS = 32_000_000
-BOUNDS = SilenceBounds()
+BOUNDS = UseSilence()
 
 
 class Talk:
@@ -74,7 +74,7 @@ def test_until_it_is_judged_a_pause_lasts_as_long_as_it_may() -> None:
 @pytest.mark.parametrize("turn_over", [None, 0.0, 0.2, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("learnt_s", [0.5, 1.0, 3.0])
 def test_the_wait_keeps_within_the_bounds_of_the_scenario(turn_over: float | None, learnt_s: float) -> None:
-    bounds = SilenceBounds(0.6, 1.2)
+    bounds = UseSilence(0.6, 1.2)
     assert 0.6 <= silence_to_wait_s(turn_over, learnt_s, bounds) <= 1.2
 
 

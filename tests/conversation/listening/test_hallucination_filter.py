@@ -1,7 +1,6 @@
 import pytest
 
-from caris_desktop.conversation.listening.hallucination_filter import is_nothing, without_repetition
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord, is_nothing, without_repetition
 
 QUESTION = "Hello, can the robot arm hurt people when it moves?"
 

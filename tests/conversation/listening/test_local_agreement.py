@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from caris_desktop.conversation.listening.hallucination_filter import is_nothing, within_voice, without_repetition
-from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
+from caris_desktop.conversation.listening.recognised_words import (
+    AgreedWords,
+    RecognisedWord,
+    is_nothing,
+    within_voice,
+    without_repetition,
+)
 
 
 def heard(text: str, from_s: float = 0.0) -> list[RecognisedWord]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.listening import local_engine
+from caris_desktop.conversation.listening import engines
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 
 
@@ -43,9 +43,7 @@ class Model:
 def test_a_second_sentence_is_taken_where_a_person_still_spoke_and_silence_is_no_sentence(
     monkeypatch: pytest.MonkeyPatch, voice_s: float, heard: str
 ) -> None:
-    monkeypatch.setattr(
-        local_engine, "_open", lambda *_: Model(segment(0.0, "It is safe."), segment(2.0, "Who built you?"))
-    )
-    engine = local_engine.LocalEngine(RecogniserSettings())
+    monkeypatch.setattr(engines, "_open", lambda *_: Model(segment(0.0, "It is safe."), segment(2.0, "Who built you?")))
+    engine = engines.LocalEngine(RecogniserSettings())
     text = engine.transcribe(np.zeros(64_000, np.float32), "", careful=True, voice_s=voice_s)
     assert " ".join(word.text for word in text.words) == heard

@@ -13,10 +13,8 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.conversation.listening import recogniser_files
-from caris_desktop.conversation.listening.engine import NoEngineError
-from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.recogniser_files import find_recogniser
+from caris_desktop.conversation.listening import engines
+from caris_desktop.conversation.listening.engines import LocalEngine, NoEngineError, find_recogniser
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 
 SETTINGS = RecogniserSettings()
@@ -39,11 +37,11 @@ def test_the_usual_one_is_in_a_models_folder_or_in_the_package(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = _model(folders[0].parent / "package")
-    monkeypatch.setattr(recogniser_files, "packaged_file", lambda *_parts: package)
+    monkeypatch.setattr(engines, "packaged_file", lambda *_parts: package)
     assert find_recogniser(SETTINGS, folders=folders) == package
     own = _model(folders[1] / "faster-whisper")
     assert find_recogniser(SETTINGS, folders=folders) == own
-    monkeypatch.setattr(recogniser_files, "packaged_file", lambda *_parts: None)
+    monkeypatch.setattr(engines, "packaged_file", lambda *_parts: None)
     with pytest.raises(NoEngineError, match="No speech recogniser") as told:
         find_recogniser(SETTINGS, folders=(folders[0],))
     assert "pip install" in told.value.advice

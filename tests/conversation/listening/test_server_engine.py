@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.conversation.listening import server_engine
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
+from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.listening.server_engine import KEY_NAME, SERVER_NAME, ServerEngine
 from tests.conversation.listening.transcription_server import Server, serving

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.engine import Recognised
-from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.endpointing import SilenceOfPeople, TurnTaking
+from caris_desktop.conversation.listening.engines import Recognised
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord
+from caris_desktop.conversation.listening.recogniser_messages import UseSilence
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
-from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, with_words
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, TurnInterval, with_words
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
@@ -76,7 +76,7 @@ class Bench:
         self.answer: Callable[[TurnInterval], Recognised | None] = self.words
         self.ear = SpeechSegmenter(
             source,
-            TurnTaking(SilenceOfPeople(), SilenceBounds()),
+            TurnTaking(SilenceOfPeople(), UseSilence()),
             Loud(),
             canceller=self.canceller,
             robot_speech=self.own_words,

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.engine import Recognised
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.endpointing import SilenceOfPeople, TurnTaking, VoiceActivity
+from caris_desktop.conversation.listening.engines import Recognised
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord
+from caris_desktop.conversation.listening.recogniser_messages import UseSilence
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.voice_activity import VoiceActivity
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
@@ -68,7 +68,7 @@ def _heard(
 ) -> list[object]:
     told: list[object] = []
     ear = SpeechSegmenter(
-        ROBOT_MICROPHONE, TurnTaking(SilenceOfPeople(), SilenceBounds()), VoiceActivity(), canceller=Plain(),
+        ROBOT_MICROPHONE, TurnTaking(SilenceOfPeople(), UseSilence()), VoiceActivity(), canceller=Plain(),
         robot_speech=own, turn_over=lambda _sound: 1.0, report=told.append,
     )  # fmt: skip
     for at in range(0, len(samples), 1600):

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.domain.events import ChatMessage
 
 QUESTION = (ChatMessage("system", "You guide tours."), ChatMessage("user", "Where is the café?"))

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.conversation.models import ollama, openai
 from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version, models_here
+from caris_desktop.conversation.models.connection import model_version, models_here
+from caris_desktop.conversation.models.dialects import ollama_request, openai_request
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, Provider, resolve_endpoint
 from caris_desktop.conversation.models.question import Question
 from tests.conversation.models.served import (
     LINES_HEAD,
@@ -72,7 +71,7 @@ def test_a_seed_goes_to_servers_that_take_one() -> None:
     assert options["seed"] == 77
     # A server with a copy of OpenAI's API may refuse unknown parameters.
     foreign = ModelEndpoint("openai", "https://models.example.org/v1", "m")
-    assert "seed" not in openai.request(foreign, Question(QUESTION, 9, 0.0, seed=77)).body
+    assert "seed" not in openai_request(foreign, Question(QUESTION, 9, 0.0, seed=77)).body
     assert ModelEndpoint("openai", "https://api.openai.com/v1", "m").takes_seed
     assert ModelEndpoint("openai", "https://me:key@models.example.org:8443/v1", "m").server == "models.example.org:8443"
 
@@ -80,8 +79,8 @@ def test_a_seed_goes_to_servers_that_take_one() -> None:
 def test_a_picture_goes_with_the_question_as_each_server_takes_it() -> None:
     def last_message(provider: str) -> dict[str, object]:
         endpoint = ModelEndpoint(provider, "http://127.0.0.1:1/v1", "m")  # type: ignore[arg-type]
-        dialect = ollama if provider == "ollama" else openai
-        body = dialect.request(endpoint, Question(QUESTION, 9, 0.0, jpegs=(b"\xff\xd8",))).body
+        request = ollama_request if provider == "ollama" else openai_request
+        body = request(endpoint, Question(QUESTION, 9, 0.0, jpegs=(b"\xff\xd8",))).body
         assert [message["content"] for message in body["messages"][:-1]] == [each.content for each in QUESTION[:-1]]
         return dict(body["messages"][-1])
 

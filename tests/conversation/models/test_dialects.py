@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.conversation.models import gemini, ollama, openai
+from caris_desktop.conversation.models.connection import model_version, models_here
+from caris_desktop.conversation.models.dialects import gemini_request, ollama_request, openai_request
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, KEYED_BY, ModelEndpoint
-from caris_desktop.conversation.models.listing import model_version, models_here
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.domain.events import ChatMessage
 from tests.conversation.models.served import (
@@ -112,7 +112,7 @@ def test_openai() -> None:
     assert text == "Over there."
     assert served.heads[0].startswith("POST /v1/chat/completions")
     real = ModelEndpoint("openai", "https://api.openai.com/v1", "gpt-4o-mini")
-    request = openai.request(real, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8", b"\xff\xd9")))
+    request = openai_request(real, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8", b"\xff\xd9")))
     assert request.path == "chat/completions"
     assert request.body == {
         "model": "gpt-4o-mini",
@@ -145,7 +145,7 @@ def test_openai() -> None:
         "required": ["a"],
         "additionalProperties": False,
     }
-    strict = openai.request(real, Question(TALK, 20, 0.5, schema=closed)).body["response_format"]["json_schema"]
+    strict = openai_request(real, Question(TALK, 20, 0.5, schema=closed)).body["response_format"]["json_schema"]
     assert strict["strict"] is True
 
 
@@ -164,7 +164,7 @@ def test_ollama() -> None:
     assert text == "Over there."
     assert served.heads[0].startswith("POST /api/chat")
     endpoint = ModelEndpoint("ollama", "http://127.0.0.1:11434", "llava")
-    request = ollama.request(endpoint, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8",)))
+    request = ollama_request(endpoint, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8",)))
     assert request.path == "api/chat"
     assert request.body == {
         "model": "llava",
@@ -192,7 +192,7 @@ def test_gemini(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "x-goog-api-key: aiza-secret" in served.heads[0].lower()
     assert "secret" not in served.heads[0].splitlines()[0]
     endpoint = ModelEndpoint("gemini", "https://generativelanguage.googleapis.com", "gemini-2.5-flash")
-    request = gemini.request(endpoint, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8",)))
+    request = gemini_request(endpoint, Question(TALK, 20, 0.5, seed=7, schema=SCHEMA, jpegs=(b"\xff\xd8",)))
     assert request.body == {
         "systemInstruction": {"parts": [{"text": "You guide tours."}]},
         "contents": [

@@ -18,10 +18,9 @@ from caris_desktop.conversation.models.embedded_models import (
     inspect_model,
     model_name,
     remove_model,
-    served_name,
     store_model,
 )
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, served_name
 from caris_desktop.domain.model_files import WrongChecksum, check_file
 
 Rewrite = Callable[[str, Any], Any]

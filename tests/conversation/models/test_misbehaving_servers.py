@@ -10,14 +10,13 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.conversation.models import gemini, openai
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.dialects import gemini_request, openai_request
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.speech_checks import probe_language_model
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from tests.conversation.models.served import (
     AT_ONCE,
     LINES_HEAD,
@@ -243,7 +242,7 @@ def test_a_parameter_that_is_refused_is_left_out_once_and_for_all(
 def test_reasoning_models_have_room_and_are_limited() -> None:
     def config(model: str) -> dict[str, Any]:
         endpoint = ModelEndpoint("gemini", "https://generativelanguage.googleapis.com", model)
-        return dict(gemini.request(endpoint, Question(QUESTION, 64, 0.0)).body["generationConfig"])
+        return dict(gemini_request(endpoint, Question(QUESTION, 64, 0.0)).body["generationConfig"])
 
     room = 64 + REASONING_TOKENS
     for model, limit, thinking in (
@@ -256,7 +255,7 @@ def test_reasoning_models_have_room_and_are_limited() -> None:
 
     def body(model: str) -> dict[str, Any]:
         endpoint = ModelEndpoint("openai", "https://api.openai.com/v1", model)
-        return dict(openai.request(endpoint, Question(QUESTION, 64, 0.0)).body)
+        return dict(openai_request(endpoint, Question(QUESTION, 64, 0.0)).body)
 
     assert body("gpt-5-mini")["max_completion_tokens"] == room and body("gpt-5-mini")["reasoning_effort"] == "low"
     assert body("gpt-4o-mini")["max_completion_tokens"] == 64 and "reasoning_effort" not in body("gpt-4o-mini")

@@ -15,9 +15,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from caris_desktop.conversation.models.chat import Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import models_here
+from caris_desktop.conversation.models.connection import models_here
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.suggestions.prompt import replies_in, replies_schema
 from caris_desktop.domain.events import ChatMessage
 from tests.conversation.models.served import PATIENT, SSE_HEAD, Answer, Served, ask, refused, sends, serving

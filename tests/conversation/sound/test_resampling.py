@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.sound.resampling import Resampler, resampled
+from caris_desktop.conversation.resampling import Resampler, resampled
 
 
 def _tone(rate_hz: int, frequency_hz: float, seconds: float = 0.5) -> np.ndarray:

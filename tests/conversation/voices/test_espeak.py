@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.conversation.voices.espeak import EspeakVoice
 from caris_desktop.conversation.voices.utterance_sound import Stop
+from caris_desktop.conversation.voices.voice_selection import EspeakVoice
 
 pytest.importorskip("pyttsx3.drivers._espeak", reason="only espeak drops what it was told", exc_type=ImportError)
 

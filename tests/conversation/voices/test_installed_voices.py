@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.conversation.voices.installed_voices import (
+from caris_desktop.conversation.voices.voice_selection import (
     NoSuchVoiceError,
     best_for,
     find_piper_voice,

@@ -9,14 +9,15 @@ import pytest
 
 pytest.importorskip("piper", reason="piper-tts is not installed")
 
-from caris_desktop.conversation.voices.installed_voices import (
+from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.conversation.voices.voice_selection import (
     NoSuchVoiceError,
     PiperFiles,
+    PiperVoice,
+    _clauses,
     find_piper_voice,
     voice_folders,
 )
-from caris_desktop.conversation.voices.piper import PiperVoice, _clauses
-from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
 
 SENTENCE = "Please follow me to the robot arm."
 
@@ -50,7 +51,7 @@ def test_its_pieces_are_the_sound_of_the_whole(voice: PiperVoice, monkeypatch: p
 
     monkeypatch.setattr(voice, "_run", with_one_plan)
     pieces = list(voice.parts(SENTENCE, Stop()))
-    monkeypatch.setattr("caris_desktop.conversation.voices.piper._FIRST_PIECE_FRAMES", 100_000)
+    monkeypatch.setattr("caris_desktop.conversation.voices.voice_selection._FIRST_PIECE_FRAMES", 100_000)
     (whole,) = voice.parts(SENTENCE, Stop())
     assert len(pieces) > 3
     assert len(pieces[0]) < voice.rate_hz // 4, "the first of them is short"
@@ -93,7 +94,7 @@ def test_a_model_of_another_make_is_left_whole(
     content = files.model.read_bytes()
     monkeypatch.setattr(voice, "_session", lambda part: part)
     assert [len(part) < len(content) for part in voice._sessions(content)] == [True] * 3
-    monkeypatch.setattr("caris_desktop.conversation.voices.piper._SOUNDING_BEGINS", "/decoder/Conv_output_0")
+    monkeypatch.setattr("caris_desktop.conversation.voices.voice_selection._SOUNDING_BEGINS", "/decoder/Conv_output_0")
     assert voice._sessions(content) == [content]
 
 

@@ -21,6 +21,7 @@ from caris_desktop.live.services.suggestions_service import ProposalsService, Su
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.scenario.scenario_model import AssistanceSettings, PanelLeaf, Scenario
+from tests.support.service_context import context_of
 
 MS = 1_000_000
 REPLIES = json.dumps({"answer": "It stops at once.", "ask": "Shall we go there?", "more": "There is a zone around it."})
@@ -207,14 +208,13 @@ def desk_on_its_own_clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
     model, voice = FakeModel(), FakeVoice()
     speech = SpeechQueue(state, {"robot": voice, "computer": voice}, bus.publish, parent)
     scenario = Scenario("Tour", PanelLeaf("speak"), filler="Let me think.")
-    proposals = ProposalsService(state, bus, model, do=lambda intent: made.do(intent), parent=parent)
-    suggestions = SuggestionsService(
-        state, bus, model, speech=speech, proposals=proposals, scenario=scenario, parent=parent
-    )
+    context = context_of(state, bus, parent)
+    proposals = ProposalsService(context, model, do=lambda intent: made.do(intent))
+    suggestions = SuggestionsService(context, model, speech=speech, proposals=proposals, scenario=scenario)
     gate = Gate(state, lambda: made.scenario.permissions)
     made = desk = Desk(1_000_000 * MS, state, bus, suggestions, proposals, model, voice, gate, scenario)
     bus.tap(lambda value, _raw: made.take_down(value))
-    for service in (suggestions, TranscriptService(state, bus, parent)):
+    for service in (suggestions, TranscriptService(context)):
         bus.follow(service.follows())
     made.use()
     state.link.set(replace(state.link.value, state="connected"))

@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from PySide6.QtCore import QObject
@@ -18,7 +18,7 @@ from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchan
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import PromptPart
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
@@ -26,6 +26,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ProtocolStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import AssistantSettings, NamedText
+from tests.support.service_context import context_of
 
 SETTINGS = AssistantSettings(
     model="ollama:small",
@@ -62,11 +63,11 @@ class Children:
     def __init__(self) -> None:
         self.started: list[Child] = []
 
-    def start(self, body: ProcessSpec, *, ended: Any, on_message: Any) -> Child:
+    def start(self, body: ProcessSpec, *, ended: Any, on_message: Any, **_reads: object) -> Child:
         self.started.append(Child(body, ended, on_message))
         return self.started[-1]
 
-    def dismiss(self, child: Child, *, grace_s: float) -> None:
+    def dismiss(self, child: Child, *, grace_s: float, **_then: object) -> None:
         child.ask_to_end()
 
 
@@ -89,8 +90,8 @@ class Desk:
             model, embedded_url=url, environment={}
         ), self._list)  # fmt: skip
         self.service = AssistantService(
-            self.state, bus, cast("Any", self.children), parts, asyncio_thread=asyncio_thread, speech=NOBODY,
-            scenario=self.scenario, parent=self.owner,
+            context_of(self.state, bus, self.owner, children=self.children), parts, asyncio_thread=asyncio_thread,
+            speech=NOBODY, scenario=self.scenario,
         )  # fmt: skip
         self.service.client._ask_version = _no_version
 

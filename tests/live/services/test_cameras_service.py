@@ -21,8 +21,9 @@ from caris_desktop.live.services.cameras_service import CameraSelection, Cameras
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo
-from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.robot.profile_model import CameraTopic
 from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from tests.support.service_context import context_of
 
 DESK = OwnCamera("desk", ProcessSpec("camera desk", print, ("0",)))
 DOOR = OwnCamera("door", ProcessSpec("camera door", print, ("1",)), CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0))
@@ -64,16 +65,12 @@ class Bench:
         self.frames = FrameRings([])
         self.wanted = CameraSelection((DESK, DOOR))
         self.service = CamerasService(
-            self.state,
-            self.bus,
-            self,  # type: ignore[arg-type]
+            context_of(self.state, self.bus, self.owner, children=self, slow_work=self.slow_work),
             lambda _scenario: self.wanted,
-            self.slow_work,
             frames=self.frames,
-            parent=self.owner,
         )
 
-    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: object) -> Child:
+    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], **_: object) -> Child:
         self.children.append(Child(body, ended))
         return self.children[-1]
 

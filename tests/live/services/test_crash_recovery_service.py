@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
 from caris_desktop.domain.failure import UserFacingError
@@ -24,12 +25,16 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import find_scenario
 from tests.support.crashed_trial import assign_to_ended_process
+from tests.support.service_context import context_of
 
 P07 = TrialDetails(participant="P07", trial="2")
 
 
 def _connection(name: str, title: str) -> Any:
     return SimpleNamespace(name=title, profile=SimpleNamespace(name=name))
+
+
+EARLIER = (Turn("u", "robot", "Hello.", "typed", "finished", started_ns=1, ended_ns=2),)
 
 
 class Run:
@@ -41,12 +46,14 @@ class Run:
         self.bus = Bus(self.state, self.state)
         self.told: list[Any] = []
         self.asked: list[intents.Intent] = []
+        self.conversation: list[tuple[Turn, ...]] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (TrialResumed, ConfirmedAsBefore))
         self.slow_work = BackgroundWorker(self.state)
         robot: Any = SimpleNamespace(connection=_connection("simulated", "Simulated robot"))
         self.service = CrashRecoveryService(
-            self.state, self.bus, CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _session: P07),
-            self.slow_work, robot=robot, do=self.do, parent=self.state,
+            context_of(self.state, self.bus, self.state, slow_work=self.slow_work),
+            CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _: P07, lambda _: EARLIER),
+            robot=robot, do=self.do, show_conversation=self.conversation.append,
         )  # fmt: skip
         self.scenario = load_scenario(find_scenario("tour-guide"))
         self.service.use_scenario(self.scenario)
@@ -136,6 +143,15 @@ def test_going_on_holds_the_robot_and_asks_everything_again(after_a_crash: Run) 
         (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"),
         (ConfirmedAsBefore, "permissions"), (ConfirmedAsBefore, "consent"),
     ]  # fmt: skip
+
+
+def test_the_conversation_of_the_interrupted_session_is_shown_until_the_trial_is_left(after_a_crash: Run) -> None:
+    assert after_a_crash.conversation == []
+    after_a_crash.ask(intents.GoOnWithTrial())
+    after_a_crash.settle()
+    assert after_a_crash.conversation == [EARLIER]
+    after_a_crash.ask(intents.LeaveTrial())
+    assert after_a_crash.conversation == [EARLIER, ()]
 
 
 def test_each_of_those_who_were_there_is_confirmed_for_themselves(run: Run, runs: Callable[[], Run]) -> None:

@@ -25,7 +25,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan
 from caris_desktop.live.services.drive_service import STALE_CAP_FRACTION, DriveService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import CameraTopic, MotionLimits, RobotProfile, TopicSource, VelocityTopic
+from caris_desktop.robot.profile_model import CameraTopic, MotionLimits, RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.scenario.scenario_model import DrivingLimits, PanelLeaf, Permissions, Scenario
 
 

@@ -24,14 +24,14 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing, PlayedSound
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
 from tests.support.polling import wait_for
+from tests.support.service_context import context_of
 
 pytestmark = pytest.mark.logs(r"live\.bus: ")
 
@@ -49,7 +49,7 @@ class Bench:
         self.slow_work = BackgroundWorker(self.owner)
         self.asyncio = AsyncioThread()
         self.service = FaceService(
-            self.state, self.bus, self.slow_work, self.asyncio, frames=Frames(), parent=self.owner,
+            context_of(self.state, self.bus, self.owner, slow_work=self.slow_work), self.asyncio, frames=Frames(),
             load=lambda name: load_face(name, folder), save=lambda face: save_face(face, folder),
         )  # fmt: skip
         self.bus.follow(self.service.follows())

@@ -21,12 +21,13 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.erasure_run import ErasureRequest, ForgettingEnded, ForgettingProgress
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.services.forgetting_service import ForgettingService
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.people_store import About, PeopleStore
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.study_erasure import Forgotten
+from tests.support.service_context import context_of
 
 
 def fail(connection: Connection) -> None:
@@ -68,12 +69,9 @@ class Bench:
         self.bus.tap(lambda value, _raw: self.told.append(f"{value.what} {value.meaning} {value.advice}"), (Problem,))
         self.body = ProcessSpec("forgetting", fail)
         self.service = ForgettingService(
-            self.state,
-            self.bus,
-            ProcessManager(self.bus, self.state),
+            context_of(self.state, self.bus, self.state, children=ProcessManager(self.bus, self.state)),
             lambda _person_id: self.body,
             then=self.forget,
-            parent=self.state,
         )
         self.ask: Callable[[intents.ForgetPerson], None] = self.service.handlers()[intents.ForgetPerson]
 

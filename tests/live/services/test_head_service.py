@@ -12,7 +12,7 @@ from caris_desktop.domain.sensing import HeadState
 from caris_desktop.live.services.drive_service import HeadService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import HeadInterface, RobotProfile
+from caris_desktop.robot.profile_model import HeadInterface, RobotProfile
 
 HEAD = HeadInterface(
     "joint_trajectory",

@@ -30,6 +30,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ListeningStatus, MicrophoneStatus, RecordingStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import ListeningSettings, PanelLeaf, Permissions, Scenario
 from tests.live.bodies import echo
+from tests.support.service_context import context_of
 
 READY = RecogniserReady("tiny.en", "en", 0.5)
 OPEN = MicrophoneStatus("on")
@@ -84,11 +85,8 @@ class Bench:
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (Problem, Gap))
         self.service = ListeningService(
-            self.state,
-            self.bus,
-            self.children,  # type: ignore[arg-type]
+            context_of(self.state, self.bus, self.owner, children=self.children),
             lambda scenario: ProcessSpec("recogniser", echo, (scenario.listening.language,)),
-            parent=self.owner,
         )
 
     @property
@@ -247,7 +245,7 @@ def test_a_server_that_is_away_is_reported_and_then_that_it_is_back(bench: Bench
 def test_one_that_ends_automatically_is_started_again_three_times(bench: Bench) -> None:
     _listening(bench)
     for _ in range(5):
-        bench.service._on_ended(bench.child)  # type: ignore[arg-type]
+        bench.service._process.on_ended(bench.child)  # type: ignore[arg-type]
     assert len(bench.children.started) == 4
     assert bench.status.state == "failed"
     assert "restart the program" in bench.told[-1].advice

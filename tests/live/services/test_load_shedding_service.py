@@ -15,7 +15,7 @@ from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.sensing import People as PeopleSeen
 from caris_desktop.domain.sound_values import MICROPHONE, Hearing
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 from caris_desktop.live.services.load_shedding_service import (
@@ -29,6 +29,7 @@ from caris_desktop.live.services.load_shedding_service import (
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LoadStatus, PerceptionStatus
 from caris_desktop.scenario.scenario_model import BlurSettings
+from tests.support.service_context import context_of
 
 SECOND_NS = 1_000_000_000
 
@@ -182,7 +183,7 @@ class Governed:
             asyncio_thread or nobody, answers_for_ever, lambda _: None, self.owner, ask_version=no_version
         )
         self.governor = LoadSheddingService(
-            self.state, self.bus, self.people, self.models, parent=self.owner,  # type: ignore[arg-type]
+            context_of(self.state, self.bus, self.owner), self.people, self.models,  # type: ignore[arg-type]
             now_ns=lambda: self.now_ns,
         )  # fmt: skip
 

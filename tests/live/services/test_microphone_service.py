@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.microphone_process import (
+from caris_desktop.conversation.sound_devices import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneList,
@@ -21,17 +21,16 @@ from caris_desktop.domain.events import LinkChanged, Problem
 from caris_desktop.domain.intents import TryMicrophone, UseMicrophone
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import Role
-from caris_desktop.live import local_microphone, remote_microphone
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.services import microphone_service
-from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneService
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneChoice, MicrophoneService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
+from tests.support.service_context import context_of
 
 HEADSET = MicrophoneOpened("Headset", 16000)
 
@@ -65,7 +64,7 @@ class FakeChildren:
             self.of_wizard.append(child)
         return child
 
-    def dismiss(self, child: FakeChild, *, grace_s: float) -> None:
+    def dismiss(self, child: FakeChild, *, grace_s: float, **_then: object) -> None:
         child.dismissed = True
 
 
@@ -83,13 +82,10 @@ class Bench:
         state.robot.set(RobotProfile("deaf", "Deaf"))
         bus.tap(lambda value, _raw: self.told.append(value.what), (Problem,))
         self.service = MicrophoneService(
-            state,
-            bus,
-            self.children,  # type: ignore[arg-type]
+            context_of(state, bus, self.owner, children=self.children),
             MicrophoneAdapters(self._choice("participant", chosen), self._choice("wizard", "Headset")),
             to_robot=lambda asked: self.asked_robot.append(asked.on),
             hear_camera=lambda camera, on: self.asked_camera.append((camera, on)),
-            parent=self.owner,
         )
         self.permit(**permissions)
 
@@ -268,7 +264,7 @@ def test_it_is_tried_for_a_little_while_and_then_closes_automatically(
 def test_a_process_that_got_stuck_is_killed_and_another_one_listens(
     qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_microphone, "_STARTS_WITHIN_MS", 10)
+    monkeypatch.setattr(microphone_service, "_STARTS_WITHIN_MS", 10)
     bench = Bench(chosen="", audio_recording=True)
     bench.service.open()
     stuck, told = bench.children.started[0], bench.children.told[0]
@@ -342,7 +338,7 @@ def test_a_robot_that_sends_no_sound_is_reported_once_and_keeps_nobody_waiting(
     bench = Bench(chosen="", audio_recording=True)
     bench.state.robot.set(EARED)
     bench.service.open_and_then(bench.begin)
-    monkeypatch.setattr(remote_microphone, "_SILENT_NS", 0)
+    monkeypatch.setattr(microphone_service, "_SILENT_NS", 0)
     bench.service._distant.update_status()
     assert bench.begun == 1
     assert bench.state.microphone.value.state == "failed"

@@ -14,11 +14,12 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.people_service import PeopleAdapters, PeopleService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import CrashRecoveryStatus
-from caris_desktop.people.database import About
 from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.people_store import About
 from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.live import bodies
+from tests.support.service_context import context_of
 
 
 def _by_model(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
@@ -31,7 +32,7 @@ def test_inference_starts_again_for_a_scenario_that_wants_another_detector_and_f
     state = LiveState(owner)
     parts = PeopleAdapters(ProcessSpec("inference", bodies.brightness), lambda: (PresenceTracker(), []), _by_model)
     service = PeopleService(
-        state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
+        context_of(state, Bus(state, owner), owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: ""
     )
     shipped = find_scenario("tour-guide")
     first, second = (replace(shipped, perception=replace(shipped.perception, model=name)) for name in ("one", "two"))
@@ -60,7 +61,7 @@ def test_consents_count_only_once_confirmed_after_an_interrupted_trial(qtbot: Qt
     known.note_consent("p-1", "video", given=True)
     parts = PeopleAdapters(ProcessSpec("inference", bodies.brightness, ("",)), lambda: (PresenceTracker(known), []))
     service = PeopleService(
-        state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
+        context_of(state, Bus(state, owner), owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: ""
     )
 
     def agreed() -> dict[str, tuple[str, ...]]:

@@ -27,6 +27,7 @@ from caris_desktop.live.services.photos_service import PhotosService
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.photo_file import texts_of, with_texts
 from tests.support.polling import wait_for
+from tests.support.service_context import context_of
 
 pytestmark = pytest.mark.logs(r"live\.bus: ", r"services\.photos_service: ")
 
@@ -70,8 +71,8 @@ class Bench:
         self.recording, self.assistant = Recording(), Assistant()
         self.slow_work = BackgroundWorker(self.owner)
         self.service = PhotosService(
-            self.state, bus, self.slow_work, self.recording, self.assistant,  # type: ignore[arg-type]
-            frames=Frames(), study=study, parent=self.owner,  # type: ignore[arg-type]
+            context_of(self.state, bus, self.owner, slow_work=self.slow_work), self.recording, self.assistant,  # type: ignore[arg-type]
+            frames=Frames(), study=study,  # type: ignore[arg-type]
         )  # fmt: skip
         bus.follow(self.service.follows())
         self.happened: list[Any] = []

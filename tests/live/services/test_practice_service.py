@@ -19,6 +19,7 @@ from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import find_scenario
 from caris_desktop.scenario.scenario_model import Scenario
+from tests.support.service_context import context_of
 
 OTHER: Actor = "wizard:other"
 
@@ -37,7 +38,7 @@ class Stage:
         self.scenario = load_scenario(find_scenario("tour-guide"))
         assert self.scenario.path is not None
         parts = PracticeAdapters(self.scenario.path, self._robot, self.cut_s.append)
-        self.service = PracticeService(self.state, bus, parts, do=self.do, parent=self.state)
+        self.service = PracticeService(context_of(self.state, bus, self.state), parts, do=self.do)
 
     def _robot(self, actor: Actor) -> None:
         self.robots.append(actor)

@@ -1,6 +1,7 @@
 """Preflight checks: evaluated, ticked, reset, and recorded."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from caris_desktop.live.services.preflight_service import PreflightService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.scenario.scenario_model import Permissions, Scenario
+from tests.support.service_context import context_of
 from tests.ui.samples import TOUR
 
 SIGNED = "by hand: Consent form signed"
@@ -29,8 +31,9 @@ class Bench:
         self.told: list[Any] = []
         self.free_bytes = 10**12
         self.slow_work = BackgroundWorker()
+        bus = SimpleNamespace(publish=self.told.append)
         self.service = PreflightService(
-            self.state, self.told.append, self.slow_work,
+            context_of(self.state, bus, None, slow_work=self.slow_work),  # type: ignore[arg-type]
             disk=self.disk, microphone_chosen=lambda: True,
         )  # fmt: skip
         self.state.link.set(LinkStatus("connected", "TIAGo"))

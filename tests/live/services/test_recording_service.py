@@ -28,6 +28,7 @@ from caris_desktop.recording.recorder.recorder_messages import BlurDemand, Recor
 from caris_desktop.scenario.scenario_model import BlurSettings
 from caris_desktop.study.study_folder import StudyFolderError
 from tests.support.polling import wait_for
+from tests.support.service_context import context_of
 
 
 class Recorder:
@@ -65,8 +66,8 @@ class Bench:
         self.recorder = Recorder()
         self.slow_work = BackgroundWorker(owner)
         self.service = RecordingService(
-            self.state, self.bus, self.recorder, ProcessSpec("recorder", print), self.slow_work,  # type: ignore[arg-type]
-            rings=RingsToRead(()), parent=owner,
+            context_of(self.state, self.bus, owner, children=self.recorder, slow_work=self.slow_work),
+            ProcessSpec("recorder", print), rings=RingsToRead(()),
         )  # fmt: skip
         self.use(BlurSettings("without_consent", "faces"))
         self.service.start()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,16 +27,16 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, FrameRef, OccupancyGrid, RobotPose
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.robot_service import RobotConnection, RobotService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, VelocityTopic
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, VelocityTopic
 from caris_desktop.scenario.scenario_model import PanelLeaf, Place, Scenario
+from tests.support.service_context import context_of
 
 KITCHEN = Place("Kitchen", Pose2D(4.0, 2.0, 0.0))
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
@@ -78,17 +79,18 @@ class Bench:
         self.asyncio = AsyncioThread()
         self.slow_work = BackgroundWorker(self.owner)
         self.wanted = CameraSelection()
+        bus = SimpleNamespace(
+            publish=self.published.append,
+            answer=None,
+            problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
+        )
         self.robot = RobotService(
-            self.state,
+            context_of(self.state, bus, self.owner, slow_work=self.slow_work),  # type: ignore[arg-type]
             self.ring,
             new_child=self._new_child,  # type: ignore[arg-type]
-            publish=self.published.append,
-            problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
             before_goal=self._before_goal,
             selected_cameras=lambda _scenario: self.wanted,
-            slow_work=self.slow_work,
             asyncio_thread=self.asyncio,
-            parent=self.owner,
         )
 
     def _new_child(self, body: ProcessSpec) -> Child:

@@ -10,6 +10,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.services.robot_service import AnotherRobotService
+from tests.support.service_context import context_of
 
 
 class Told:
@@ -68,7 +69,13 @@ def service(calls: list[str], work: LaterWork) -> AnotherRobotService:
     )
     made: Any = AnotherRobotService
     service: AnotherRobotService = made(
-        bus, work, by_name=None, simulated=calls.append, robot=robot, drive=drive, recording=recording, people=people
+        context_of(None, bus, None, slow_work=work),
+        by_name=None,
+        simulated=calls.append,
+        robot=robot,
+        drive=drive,
+        recording=recording,
+        people=people,
     )
     return service
 

@@ -20,6 +20,7 @@ from caris_desktop.live.services import scenario_service
 from caris_desktop.live.services.scenario_service import ScenarioService
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_file import load_scenario
+from tests.support.service_context import context_of
 
 TEXT = """\
 version: 1
@@ -44,8 +45,8 @@ class Bench:
         parts = composition.parts(study=composition.open_study(path.parent / "study")).scenario
         self.applied: list[bool] = []
         self.service = ScenarioService(
-            self.state, self.bus, parts, load_scenario(path), self.slow_work,
-            apply=lambda scenario: self.applied.append(scenario.permissions.photos), parent=parent,
+            context_of(self.state, self.bus, parent, slow_work=self.slow_work), parts, load_scenario(path),
+            apply=lambda scenario: self.applied.append(scenario.permissions.photos),
         )  # fmt: skip
         self.service.start()
 

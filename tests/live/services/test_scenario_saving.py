@@ -19,6 +19,7 @@ from caris_desktop.live.status import RecordingStatus, SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
 from caris_desktop.scenario.scenario_file import OtherFileError
 from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from tests.support.service_context import context_of
 
 OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
 
@@ -44,7 +45,7 @@ class Bench:
             conflicts=lambda _path: self.conflicts,
         )
         self.service = ScenarioService(
-            self.state, self.bus, parts, OPEN, self.slow_work, apply=self.apply, parent=parent
+            context_of(self.state, self.bus, parent, slow_work=self.slow_work), parts, OPEN, apply=self.apply
         )
 
     def write(self, text: str, path: Path, _edited: Path | None, replaces: str) -> str:

@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.sound.playback_process import (
+from caris_desktop.conversation.sound_devices import (
     BeginPlaying,
     EndPlaying,
     PlaybackFailed,
@@ -32,9 +32,10 @@ from caris_desktop.live.services import sound_service
 from caris_desktop.live.services.sound_service import SoundAdapters, SoundService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SpeechStatus
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
+from tests.support.service_context import context_of
 
 PIECE = np.full((640, 1), 1000, np.int16)
 SPEAKING = RobotProfile("r", "R", audio=AudioInterface(speaker="/speaker"))
@@ -66,7 +67,7 @@ class FakeChildren:
         self.told[body.name] = told
         return self.started.setdefault(body.name, FakeChild(body))
 
-    def dismiss(self, child: FakeChild, *, grace_s: float) -> None:
+    def dismiss(self, child: FakeChild, *, grace_s: float, **_then: object) -> None:
         assert grace_s > 0.0
         del self.started[child.body.name]
 
@@ -118,14 +119,11 @@ class Bench:
         robot = QObject(self.owner)
         robot.send_sound = lambda command: not self.to_robot.append(command)  # type: ignore[attr-defined]
         self.service = SoundService(
-            self.state,
-            self.bus,
-            self.children,  # type: ignore[arg-type]
+            context_of(self.state, self.bus, self.owner, children=self.children),
             SoundAdapters(ProcessSpec("hearing", echo), ProcessSpec("voice", echo)),
             microphones=self.microphones,  # type: ignore[arg-type]
             robot=robot,  # type: ignore[arg-type]
             speech=self.speech,  # type: ignore[arg-type]
-            parent=self.owner,
         )
         self.scenario = Scenario(
             "A study",

@@ -14,6 +14,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.people_service import SpeakersService
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
+from tests.support.service_context import context_of
 
 pytestmark = pytest.mark.usefixtures("qapp")
 
@@ -25,7 +26,7 @@ class Desk:
         self.bus = Bus(self.state, self.owner)
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (UtteranceCorrected,))
-        self.speakers = SpeakersService(self.state, self.bus, self.owner)
+        self.speakers = SpeakersService(context_of(self.state, self.bus, self.owner))
         self.bus.follow(self.speakers.follows())
         self.turns = 0
 

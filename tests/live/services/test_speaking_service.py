@@ -23,6 +23,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import OpenGap
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Place, Scenario
+from tests.support.service_context import context_of
 
 SCENARIO = Scenario(
     "Test", PanelLeaf("speak"), filler="Hm.", fillers=("Well.", "Let me see."),
@@ -99,7 +100,7 @@ def desk(qtbot: QtBot, tmp_path: Path) -> Iterator[Desk]:
         done.append(intent)
         return "refused"
 
-    service = SpeakingService(state, bus, queue, tmp_path / "said.jsonl", slow_work, do=do, parent=state)
+    service = SpeakingService(context_of(state, bus, state, slow_work=slow_work), queue, tmp_path / "said.jsonl", do=do)
     handlers.append(service.follows()[UtteranceChanged])
     state.scenario.set(SCENARIO)
     state.places.set(SCENARIO.places)

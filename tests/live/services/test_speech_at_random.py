@@ -24,12 +24,12 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Restarts
+from caris_desktop.live.service import ProcessManager, Restarts
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.polling import wait_for
+from tests.support.service_context import context_of
 
 ENDS = ("finished", "interrupted", "failed")
 SENTENCES = ("Yes.", "No.", "Please follow me.", "Stop here!", "One, two, three, four, five, six.", "Hm.")
@@ -47,8 +47,9 @@ class Bench:
         self.bus.tap(lambda value, _raw: self.told.append(value))
         self.children = ProcessManager(self.bus, self.owner)
         body = ProcessSpec("speech", process_entry_points.speech)
-        self.service = SpeechService(self.state, self.bus, self.children, body, robot=self, parent=self.owner)
-        self.service._restarts = Restarts(at_most=1000)
+        context = context_of(self.state, self.bus, self.owner, children=self.children)
+        self.service = SpeechService(context, body, robot=self)
+        self.service._process.restarts = Restarts(at_most=1000)
         self.bus.follow(self.service.follows())
         self.service._use("computer", SynthesisSettings(rate=2.0))
         self.service.start()

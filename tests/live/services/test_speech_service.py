@@ -30,16 +30,17 @@ from caris_desktop.domain.link_commands import RobotCommand
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.services.alarms_service import AlarmsService
 from caris_desktop.live.services.recording_service import ARRIVED, RecorderFeed
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import RobotProfile, SpeechInterface
+from caris_desktop.robot.profile_model import RobotProfile, SpeechInterface
 from caris_desktop.scenario.scenario_file import load_scenario
 from tests.live.bodies import voice
+from tests.support.service_context import context_of
 
 WITHIN_S = 30.0
 
@@ -83,7 +84,9 @@ class Bench:
         self.feed.start("begin")
         self.children = ProcessManager(self.bus, self.owner)
         self.speech = SpeechService(
-            self.state, self.bus, self.children, ProcessSpec("speech", voice), robot=self, parent=self.owner
+            context_of(self.state, self.bus, self.owner, children=self.children),
+            ProcessSpec("speech", voice),
+            robot=self,
         )
         self.bus.follow(self.speech.follows())
         self.speech.start()

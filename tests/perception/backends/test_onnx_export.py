@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.perception.backends.load_detector import open_detector
+from caris_desktop.perception.backends.runtime_selection import open_detector
 from caris_desktop.perception.weights import Weights
 from tests.perception.shared_data import bus_picture
 
@@ -25,12 +25,12 @@ def refuse(event, arguments):
 
 sys.addaudithook(refuse)
 folder = Path(sys.argv[1])
-from caris_desktop.perception.backends.onnx_export import ModelExportError, export_onnx
-from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+from caris_desktop.perception.backends.ultralytics_runtime import ModelExportError, export_onnx
+from caris_desktop.perception.backends.ultralytics_runtime import prepare_ultralytics
 from caris_desktop.perception.weights import Weights
 prepare_ultralytics(threads=1, cache_dir=folder)
 import numpy as np, onnxruntime, torch
-from caris_desktop.perception.backends.outputs import decode
+from caris_desktop.perception.backends.network import decode
 from ultralytics import YOLO
 
 for name in ("yolov8n", "yolov8n-pose", "yolov8n-cls"):

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.openvino import OpenvinoNetwork
-from caris_desktop.perception.backends.runtime_selection import open_fastest
+from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest
+from caris_desktop.perception.backends.runtimes import OpenvinoNetwork
 from caris_desktop.perception.weights import Weights, WeightsError, find_weights, offline_package_weights
 from tests.perception.shared_data import YOLOX_WEIGHTS, bus_picture
 
@@ -65,7 +64,7 @@ def test_a_network_that_was_exported_for_one_size_runs_smaller() -> None:
 
 def test_nothing_of_it_reports_to_its_maker(folder: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from caris_desktop.perception.backends.openvino import OpenvinoNetwork; "
+        "import sys; from pathlib import Path; from caris_desktop.perception.backends.runtimes import OpenvinoNetwork; "
         f"OpenvinoNetwork(Path({str(folder)!r}), threads=1); "
         "print([name for name, module in sys.modules.items() if module and name.startswith('openvino_telemetry')])"
     )

@@ -13,12 +13,15 @@ from caris_desktop.perception.backends.network import (
     UnknownFormError,
     facts_of,
     fit,
+    form_of,
     input_size,
+    person_groups,
     pixels_rgb,
     planes_bgr,
     planes_rgb,
+    suppress,
 )
-from caris_desktop.perception.backends.outputs import Found, form_of, person_groups, suppress
+from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.weights import Weights
 
 _SIZE = (64, 96)
@@ -163,7 +166,7 @@ def test_metadata_of_a_file_is_read_and_never_run(tmp_path: Path) -> None:
 
 def test_of_boxes_of_one_group_the_surest_stays() -> None:
     corners = np.array([[0, 0, 10, 10], [0, 0, 10, 9], [0, 0, 10, 10], [0, 0, 10, 6], [50, 0, 60, 10]], float)
-    found = Found(corners, np.array([0.5, 0.9, 0.7, 0.6, 0.3]), np.array([0, 1, 2, 0, 1]))
+    found = Detections(corners, np.array([0.5, 0.9, 0.7, 0.6, 0.3]), np.array([0, 1, 2, 0, 1]))
     groups = person_groups(("Fall", "Normal", "dog"), ("normal", "fall"))
     kept = suppress(found, groups)
     assert kept.confidences.tolist() == [0.9, 0.7, 0.6, 0.3]

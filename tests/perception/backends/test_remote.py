@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from websockets.sync.client import connect
 
-from caris_desktop.perception.backends import remote
-from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
+from caris_desktop.perception.backends import remote_detector
+from caris_desktop.perception.backends.remote_detector import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
 from caris_desktop.perception.backends.runtime_selection import open_chosen
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 from caris_desktop.perception.inference_messages import DetectorSettings
@@ -194,7 +194,7 @@ def test_over_tls_the_server_has_to_prove_who_it_is(tmp_path: Path, monkeypatch:
 
 
 def test_another_protocol_is_refused(monkeypatch: pytest.MonkeyPatch, server: Serving) -> None:
-    monkeypatch.setattr(remote, "PROTOCOL", 2)
+    monkeypatch.setattr(remote_detector, "PROTOCOL", 2)
     with pytest.raises(DetectorAwayError, match="a different version"):
         RemoteDetector(server.address, confidence=0.1)
 

@@ -130,7 +130,7 @@ def test_a_memory_that_is_broken_or_wrong_by_now_is_measured_again(setup: Setup,
     assert "the file has gone" in setup.open()
 
 
-@pytest.mark.skipif(runtime_selection.openvino.is_installed(), reason="OpenVINO is compared with")
+@pytest.mark.skipif(runtime_selection.openvino_installed(), reason="OpenVINO is compared with")
 @pytest.mark.logs("could not load")
 def test_other_files_are_opened_without_a_measurement(tmp_path: Path) -> None:
     path = tmp_path / "broken.onnx"

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.picture_checks import PictureError
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
-from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
+from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound, open_camera
 from caris_desktop.perception.cameras.camera_source import (
     CameraError,
     CameraSource,
@@ -23,7 +23,6 @@ from caris_desktop.perception.cameras.camera_source import (
     picture_of,
 )
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
-from caris_desktop.perception.cameras.open_camera import open_camera
 from caris_desktop.perception.cameras.stream_camera import StreamCamera
 from tests.perception.cameras.running_camera import FPS, PICTURES, RunningCamera, has, has_state, write_video
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.perception.cameras import camera_server, newest_frame
-from caris_desktop.perception.cameras.camera_server import CameraServer
+from caris_desktop.perception.cameras import camera_server
+from caris_desktop.perception.cameras.camera_server import PIECE, RATE_HZ, CameraServer, NewestFrame, ServedSound, Take
 from caris_desktop.perception.cameras.camera_source import (
     CameraError,
     CameraSource,
@@ -23,8 +23,6 @@ from caris_desktop.perception.cameras.camera_source import (
     parse_camera,
 )
 from caris_desktop.perception.cameras.http_camera import MultipartReader
-from caris_desktop.perception.cameras.newest_frame import NewestFrame
-from caris_desktop.perception.cameras.served_sound import PIECE, RATE_HZ, ServedSound, Take
 from caris_desktop.perception.cameras.webrtc_camera import WebRtcCamera
 
 TOKEN = "0123456789abcdef"
@@ -117,7 +115,7 @@ def served(
     asyncio.run(run())
 
 
-pytestmark = pytest.mark.logs("newest_frame: .* delivers")
+pytestmark = pytest.mark.logs("camera_server: .* delivers")
 
 
 def test_pictures_come_one_after_the_other_with_the_time_at_which_they_were_taken() -> None:
@@ -234,9 +232,9 @@ def test_more_clients_than_it_can_bear_are_reported_so(monkeypatch: pytest.Monke
     served(test)
 
 
-@pytest.mark.logs("newest_frame: It was unplugged", "newest_frame: .* delivers")
+@pytest.mark.logs("camera_server: It was unplugged", "camera_server: .* delivers")
 def test_a_camera_that_is_lost_comes_back_to_those_who_still_look(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(newest_frame, "_RETRY_AFTER_S", (0.02,))
+    monkeypatch.setattr(camera_server, "_RETRY_AFTER_S", (0.02,))
     cameras: list[NumberedCamera] = []
 
     def open_one(_chosen: ChosenCamera) -> CameraSource:

@@ -16,10 +16,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.cameras import camera_process, http_camera
+from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
-from caris_desktop.perception.cameras.http_camera import HttpCamera, MultipartReader
-from caris_desktop.perception.cameras.open_camera import open_camera
-from caris_desktop.perception.cameras.remote_clock import RemoteClockEstimate
+from caris_desktop.perception.cameras.http_camera import HttpCamera, MultipartReader, RemoteClockEstimate
 from tests.perception.cameras.running_camera import RunningCamera, has_state, write_video
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera
-from caris_desktop.perception.cameras.oak_camera import OakCamera, oak_devices
+from caris_desktop.perception.cameras.device_camera import OakCamera, oak_devices
 from tests.perception.cameras.running_camera import PICTURES
 
 depthai = pytest.importorskip("depthai")
@@ -102,7 +102,7 @@ def test_it_delivers_until_it_ends(video: Path, monkeypatch: pytest.MonkeyPatch)
 def test_with_two_more_eyes_it_reports_depth_as_the_colour_camera_sees_it(
     video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("caris_desktop.perception.cameras.oak_camera._SAME_MOMENT", datetime.timedelta.max)
+    monkeypatch.setattr("caris_desktop.perception.cameras.device_camera._SAME_MOMENT", datetime.timedelta.max)
     camera, device = opened(video, monkeypatch, eyes=3)
     picture = camera.read()
     camera.close()

@@ -15,7 +15,7 @@ from caris_desktop.perception.cameras import plugin_camera
 from caris_desktop.perception.cameras.camera_source import parse_camera
 from caris_desktop.scenario.scenario_file import parse_scenario
 from tests.perception.cameras.running_camera import RunningCamera, has, has_state
-from tests.support.plugins import check_example, install
+from tests.support.plugins import install
 
 Start = Callable[..., RunningCamera]
 PICTURE = "return np.full((48, 64, 3), self.pictures, np.uint8)"
@@ -108,13 +108,3 @@ def test_scenario_and_session_name_it(tmp_path: Path, monkeypatch: pytest.Monkey
     scenario = parse_scenario(text, path=tmp_path / "lab.yaml")
     assert _camera_plugins(None, scenario) == {"plug-in camera lab": "lab-lab 2.1"}
     assert _camera_plugins((parse_camera("robot"),), scenario) == {}
-
-
-def test_the_example_is_built_installed_used_and_removed(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = check_example("clock-camera", tmp_path / "example", "ok   clock                caris-clock-camera 1.0")
-    monkeypatch.syspath_prepend(path.partition(":")[0])
-    camera = start("plugin:clock:30")
-    camera.until(has(FrameRef, 5), within_s=60.0)
-    assert camera.of(CameraState)[-1].width_px == 640

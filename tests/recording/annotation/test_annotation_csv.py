@@ -6,9 +6,9 @@ import pytest
 
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_import import read_csv
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.annotation_store import save_coder
-from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.told_session import tell
 

@@ -42,11 +42,11 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.annotation.session_tiers import (
     EVENTS_IN_WORDS,
     SHOWN,
+    STATES_IN_WORDS,
     session_tiers,
     type_in_words,
     types_of_tiers,
 )
-from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.annotation.timeline_builder import BUCKET_NS, build_overview
 from caris_desktop.recording.exporters.csv import write_csv
 from caris_desktop.recording.exporters.eaf import write_eaf

@@ -26,8 +26,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import to_jsonable
-from caris_desktop.people.database import About
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import About, PeopleStore
 from caris_desktop.recording.annotation.annotation_editing import add_annotation, add_tier
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import save_coder

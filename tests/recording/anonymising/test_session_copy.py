@@ -19,7 +19,7 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.anonymising import session_copy
 from caris_desktop.recording.anonymising.session_copy import KnownNames, write_sound
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.search_terms import all_of
+from caris_desktop.recording.forgetting.text_erasure import all_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest

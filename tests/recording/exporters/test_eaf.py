@@ -18,6 +18,7 @@ from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
@@ -26,7 +27,6 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
-from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session.session_header import header_of

@@ -27,9 +27,9 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, Odometry, PeopleInMap
 from caris_desktop.recording.exporters import lerobot
 from caris_desktop.recording.exporters.lerobot import write_lerobot
-from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.session_reader import SessionError, open_session
+from caris_desktop.recording.recorder.video_writer import FASTEST, VideoFileWriter
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from tests.recording.told_session import TRIAL, drive, heard, said, tell
 from tests.support.recorded_session import RecordedSession, make_session, number_in, picture_of, rerecorded

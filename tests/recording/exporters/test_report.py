@@ -28,9 +28,9 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.recording.annotation.annotation_import import read_eaf
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.annotation_store import save_coder
-from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.measures.session_measures import measure, read_facts

@@ -308,7 +308,7 @@ def test_a_camera_points_where_its_lens_does(tmp_path: Path) -> None:
 STAMPED = "name: new\nvelocity: {topic: /base/cmd, type: TwistStamped}\n"
 
 
-@pytest.mark.logs(r"session\.scenario_text: ")
+@pytest.mark.logs(r"session\.session_protocol: ")
 def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
     began_ns = made.plan.started_ns

@@ -21,7 +21,8 @@ from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.coder_agreement import compare_coders
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.exporters import study_tables
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportFinished, ExportRequest, export_all
 from caris_desktop.recording.tables.build import Batch, session_batches
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, tell
@@ -195,7 +196,7 @@ def test_the_codebook_describes_each_column_of_each_table(out: Path) -> None:
 def test_rows_are_written_in_groups_that_bound_memory(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(study_tables, "_ROWS_AT_ONCE", 3)
+    monkeypatch.setattr(table_files, "_ROWS_AT_ONCE", 3)
     folder = study_tables.write_tables_of_study(
         [open_session(study / "sessions" / "one")], _folder(tmp_path), study_tables.ExportContext()
     )[0].parent

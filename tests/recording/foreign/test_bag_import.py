@@ -44,7 +44,7 @@ from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import FORMATS, export_session
-from caris_desktop.ros import message_conversion, navigation_messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_fields import Message, encode_header
 from tests.recording.driving import scan
@@ -120,7 +120,7 @@ def robot_messages() -> Iterator[Written]:
         lens = message_conversion.Lens(160, 90, 100.0, 101.0, 80.0, 45.0)
         info = message_conversion.encode_camera_info(ROS2, lens, stamp_ns=stamp(at + 7))
         yield "/camera/rgb/camera_info", "sensor_msgs/msg/CameraInfo", at + 7, info
-    path = navigation_messages.encode_path(ROS2, np.array([[0, 0], [1, 1]], np.float32), stamp_ns=1, frame_id="odom")
+    path = message_conversion.encode_path(ROS2, np.array([[0, 0], [1, 1]], np.float32), stamp_ns=1, frame_id="odom")
     yield "/plan", "nav_msgs/msg/Path", 991, path
     goal = message_conversion.encode_pose_stamped(ROS2, Pose2D(3.0, 4.0, 0.0), stamp_ns=stamp(992))
     yield "/goal_pose", "geometry_msgs/msg/PoseStamped", 992, goal

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.search_terms import all_of
 from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person, unfinished_erasures
+from caris_desktop.recording.forgetting.text_erasure import all_of
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.media_repair import content_of
+from caris_desktop.recording.session.media_files import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
 from tests.support.kill_at_event import kill_at_event
 

@@ -19,8 +19,8 @@ from pyarrow import parquet
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import byte_search
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Hit
-from caris_desktop.recording.forgetting.search_terms import all_of
-from caris_desktop.recording.session.mcap_file import McapFile
+from caris_desktop.recording.forgetting.text_erasure import all_of
+from caris_desktop.recording.session.events_file import McapFile
 from tests.recording.forgetting.named_study import NAME, portrait
 
 FACE = portrait()

@@ -16,10 +16,9 @@ import pytest
 
 from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.own_files import OwnFiles
+from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 from caris_desktop.recording.forgetting.person_tracks import messages_of
-from caris_desktop.recording.forgetting.review import read_review
-from caris_desktop.recording.forgetting.search_terms import all_of
+from caris_desktop.recording.forgetting.text_erasure import all_of, read_review
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session

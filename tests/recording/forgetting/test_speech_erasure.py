@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.app.forget_command import receipt_words
-from caris_desktop.recording.forgetting.own_files import OwnFiles
+from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 from caris_desktop.recording.forgetting.person_tracks import messages_of
-from caris_desktop.recording.forgetting.review import read_review
-from caris_desktop.recording.forgetting.search_terms import FORGOTTEN
-from caris_desktop.recording.forgetting.speech_erasure import Sentences
-from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person
+from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person, receipt_words
+from caris_desktop.recording.forgetting.text_erasure import FORGOTTEN, Sentences, read_review
 from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from tests.recording.forgetting.test_study_erasure import receipt_of, sessions_of
 from tests.support import recorded_session

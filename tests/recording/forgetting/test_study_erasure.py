@@ -20,21 +20,20 @@ from numpy.typing import NDArray
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.person_tracks import messages_of
-from caris_desktop.recording.forgetting.review import read_review
-from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError, all_of
 from caris_desktop.recording.forgetting.study_erasure import (
     ForgetRequest,
     Forgotten,
     forget_person,
     unfinished_erasures,
 )
+from caris_desktop.recording.forgetting.text_erasure import ErasureStoppedError, all_of, read_review
 from caris_desktop.recording.photo_file import PEOPLE, TAGS, change_texts, texts_of
 from caris_desktop.recording.recorder.media_writer import write_photo
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
-from caris_desktop.recording.session.media_repair import content_of
+from caris_desktop.recording.session.media_files import content_of
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, every_file, make_study, portrait
 from tests.support.recorded_session import make_session

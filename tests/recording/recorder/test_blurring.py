@@ -340,7 +340,7 @@ def test_only_who_agreed_to_photos_is_seen_in_one(recorded: Session) -> None:
     assert contrast(photo, BEN) < 0.2 * contrast(CHECKS, BEN), "to be filmed is another thing"
 
 
-@pytest.mark.logs(r"video_encoders: ")
+@pytest.mark.logs(r"video_writer: ")
 def test_the_report_says_of_which_cameras_nothing_is_to_be_seen_as_long_as_it_is_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,9 +16,8 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.media_writer import MediaFailed, MediaWriter
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
-from caris_desktop.recording.recorder.video_encoders import Encoder, Encoders
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.recorder.video_writer import Encoder, Encoders, VideoFileWriter
+from caris_desktop.recording.session.session_header import SessionClock
 from tests.recording.driving import mark, picture, start
 from tests.recording.recorder.test_recorder_process import video_times_s
 

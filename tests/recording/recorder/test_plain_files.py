@@ -16,7 +16,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import People, PersonBox, RobotPose
 from caris_desktop.recording.recorder.plain_files import PlainFiles
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 
 SECOND = 1_000_000_000
 CLOCK = SessionClock(ClockAnchor(monotonic_ns=0, utc_ns=1_795_000_000 * SECOND), started_ns=10 * SECOND)

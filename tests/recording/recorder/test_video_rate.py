@@ -13,7 +13,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap, Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder import media_writer, video_encoders, video_writer
+from caris_desktop.recording.recorder import media_writer, video_writer
 from caris_desktop.recording.recorder.media_writer import VideoRate
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from caris_desktop.recording.session.session_reader import open_session
@@ -92,7 +92,7 @@ def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(video_writer.VideoFileWriter, "write", write_slowly)
     monkeypatch.setattr(media_writer, "_CALM_NS", 1_500_000_000)
-    monkeypatch.setattr(video_encoders, "_SHARE_OF_IDLE", 0.0)
+    monkeypatch.setattr(video_writer, "_SHARE_OF_IDLE", 0.0)
 
 
 @pytest.fixture

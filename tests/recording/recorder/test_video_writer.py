@@ -11,13 +11,15 @@ import pytest
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.frame_times import moments_words, read_frame_times
-from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.media_repair import content_of, index_lines
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import VideoInfo
+from caris_desktop.recording.recorder.video_writer import FASTEST, Encoder, Encoders, VideoFileWriter, works, x264
+from caris_desktop.recording.session.media_files import (
+    content_of,
+    index_lines,
+    moments_words,
+    read_frame_times,
+    video_file_name,
+)
+from caris_desktop.recording.session.session_header import SessionClock, VideoInfo
 from tests.recording.driving import picture
 from tests.recording.recorder.test_recorder_process import video_times_s
 

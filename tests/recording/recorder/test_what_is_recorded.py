@@ -33,10 +33,10 @@ from caris_desktop.recording.recorder.recorder_messages import (
     TakePhoto,
 )
 from caris_desktop.recording.session.folder_lock import is_held
-from caris_desktop.recording.session.gap_messages import read_reason
+from caris_desktop.recording.session.loss_messages import read_reason
 from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose, scan, start
 from tests.recording.recorder.test_recorder_process import video_times_s

@@ -16,8 +16,8 @@ from caris_desktop.domain.streams import BY_TYPE, Delivery
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session, open_session
 from tests.support.recorded_session import RecordedSession
 
@@ -118,7 +118,7 @@ def test_without_an_index_everything_is_found_all_the_same(killed_session: Recor
 def test_a_damaged_block_is_left_out(whole_session: RecordedSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)
-    index = mcap_chunks.read_index(folder / "events.mcap")
+    index = events_file.read_index(folder / "events.mcap")
     content = bytearray((folder / "events.mcap").read_bytes())
     at = int(index.offsets[index.count // 3]) + 100
     content[at : at + 64] = bytes(64)

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import FASTEST, VideoFileWriter
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import open_session
 from tests.support.recorded_session import RecordedSession, number_in, picture_of
 

@@ -6,8 +6,8 @@ import pytest
 
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
+from caris_desktop.recording.session.session_conversation import SpokenUtterance, UtteranceEvent, spoken_utterances
 from caris_desktop.recording.session.session_visits import Visit
-from caris_desktop.recording.session.utterances import SpokenUtterance, UtteranceEvent, spoken_utterances
 
 ANA, BEN = Visit("p-ana", 1, 0, 10_000), Visit("p-ben", 2, 0, 10_000)
 SAID = (

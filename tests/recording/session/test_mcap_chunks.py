@@ -10,9 +10,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError
-from caris_desktop.recording.session.mcap_repair import rewrite
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import BlockIndex, DamagedBlockError, rewrite
 
 COUNT = 60
 
@@ -36,12 +35,12 @@ def written(*, finish: bool = True, **options: object) -> bytes:
 
 
 def read(path: Path) -> tuple[BlockIndex, list[int]]:
-    index = mcap_chunks.read_index(path)
+    index = events_file.read_index(path)
     times: list[int] = []
     with path.open("rb") as file:
         for number in range(index.count):
-            content = mcap_chunks.read_block(file, index, number)
-            times += [message.log_ns for message in mcap_chunks.messages_of(content)]
+            content = events_file.read_block(file, index, number)
+            times += [message.log_ns for message in events_file.messages_of(content)]
     return index, times
 
 
@@ -67,7 +66,7 @@ def test_files_of_any_make_are_read_and_rewritten(tmp_path: Path, options: dict[
     seen: list[bytes] = []
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, mcap_chunks.scan(file), target, added=None, on_chunk=seen.append)
+        rewrite(file, events_file.scan(file), target, added=None, on_chunk=seen.append)
     target.close()
     assert len(seen) > 0
     with target.path.open("rb") as file:
@@ -102,7 +101,7 @@ def test_messages_whose_channel_was_lost_are_left_out_of_a_rewritten_file(tmp_pa
     path.write_bytes(content)
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, mcap_chunks.scan(file), target, added=None, on_chunk=lambda _content: None)
+        rewrite(file, events_file.scan(file), target, added=None, on_chunk=lambda _content: None)
     target.close()
     with target.path.open("rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()}
@@ -124,4 +123,4 @@ def test_a_chunk_that_lies_about_itself_is_damaged(claimed_bytes: int, folded: b
     body = struct.pack("<QQQII", 1, 2, claimed_bytes, 12345, len(compression)) + compression
     body += struct.pack("<Q", len(folded)) + folded
     with pytest.raises(DamagedBlockError):
-        mcap_chunks.decompress(struct.pack("<BQ", 6, len(body)) + body)
+        events_file.decompress(struct.pack("<BQ", 6, len(body)) + body)

@@ -11,7 +11,7 @@ from mcap.records import Message, Statistics
 from mcap.stream_reader import StreamReader
 
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session.mcap_file import McapFile
+from caris_desktop.recording.session.events_file import McapFile
 
 TOPICS = ("/a", "/b/ü", "/c")
 

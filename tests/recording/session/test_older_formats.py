@@ -22,7 +22,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.session_header import FORMAT_VERSION, SessionError
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
@@ -151,7 +151,7 @@ def test_recorded_again_it_is_the_same_in_this_version(folder: Path, tmp_path: P
     header = json.loads((again / "session.json").read_text())
     (again / "session.json").write_text(json.dumps(header | {"format_version": FORMAT_VERSION, "files": []}))
     assert FORMAT_VERSION == 3
-    channels = mcap_chunks.read_index(again / "events.mcap").channels.values()
+    channels = events_file.read_index(again / "events.mcap").channels.values()
     assert [b"foxglove.LaserScan" in channel.schema for channel in channels if channel.topic == "/scan"] == [True]
     same = open_session(again, repair=False).arrivals()
     assert [(at_ns, to_jsonable(value)) for at_ns, _, value in same] == [

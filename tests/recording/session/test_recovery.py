@@ -23,14 +23,14 @@ from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session import mcap_chunks, recovery
+from caris_desktop.recording.session import events_file, recovery
 from caris_desktop.recording.session.folder_lock import hold
-from caris_desktop.recording.session.frame_times import read_frame_times
+from caris_desktop.recording.session.loss_messages import LOSSES, read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, progress_counts, store_counts, verify_manifest
-from caris_desktop.recording.session.media_repair import content_of
+from caris_desktop.recording.session.media_files import content_of, read_frame_times
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
-from caris_desktop.recording.session.repair_messages import LOSSES, read_loss
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from tests.recording.driving import start
 from tests.support.recorded_session import RecordedSession
 
@@ -417,7 +417,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     whole = Counter(spec.name for spec, _ in open_session(finished).values())
     path = finished / "events.mcap"
     content = bytearray(path.read_bytes())
-    index = mcap_chunks.read_index(path)
+    index = events_file.read_index(path)
     for number in (3, 9):
         content[int(index.offsets[number]) + 100] ^= 0xFF
     path.write_bytes(content)
@@ -428,7 +428,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     assert session.losses == (f"{lost.total()} of the {whole.total()} recorded values are missing from events.mcap.",)
 
 
-@pytest.mark.logs(r"session\.(session_reader|mcap_chunks|recovery): ")
+@pytest.mark.logs(r"session\.(session_reader|events_file|recovery): ")
 @pytest.mark.parametrize("size", [1, 100, 5000])
 @pytest.mark.parametrize("tenths", range(1, 10))
 def test_overwritten_values_are_counted(finished: Path, size: int, tenths: int) -> None:
@@ -486,7 +486,7 @@ def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: Recor
     shutil.copytree(whole_session.folder, folder)
     head = json.loads((folder / "session.json").read_text())
     (folder / "session.json").write_text(json.dumps({**head, "reason": "disk_full"}))
-    index = mcap_chunks.read_index(folder / "events.mcap")
+    index = events_file.read_index(folder / "events.mcap")
     cut_at = int(index.offsets[index.count * 4 // 5]) + 50
     (folder / "events.mcap").write_bytes((folder / "events.mcap").read_bytes()[:cut_at])
     session = open_session(folder)

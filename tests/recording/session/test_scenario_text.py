@@ -5,14 +5,14 @@ import time
 import pytest
 
 from caris_desktop.domain.events import ScenarioOpened
-from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_protocol import ScenarioText, read_scenario
 
 
 def read(content: str) -> ScenarioText:
     return read_scenario(ScenarioOpened(1, "a.yaml", "A", "", content))
 
 
-@pytest.mark.logs(r"session\.scenario_text: ")
+@pytest.mark.logs(r"session\.session_protocol: ")
 def test_references_that_unfold_to_billions_are_not_followed() -> None:
     lines = ["l0: &l0 {panel: video}"]
     lines += [f"l{level}: &l{level} {{children: [{', '.join([f'*l{level - 1}'] * 6)}]}}" for level in range(1, 19)]
@@ -23,7 +23,7 @@ def test_references_that_unfold_to_billions_are_not_followed() -> None:
     assert time.monotonic() - begin_s < 1.0
 
 
-@pytest.mark.logs(r"session\.scenario_text: ")
+@pytest.mark.logs(r"session\.session_protocol: ")
 @pytest.mark.parametrize(
     "content",
     ["a: !!int x", "a: !!timestamp x", "a: !!bool x", "a: !!python/object/apply:os.getcwd []", "[" * 5000, "- a\n- b",

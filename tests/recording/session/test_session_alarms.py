@@ -8,8 +8,8 @@ import pytest
 
 from caris_desktop.domain.events import AlarmChanged, RecordingPaused
 from caris_desktop.recording.measures.session_measures import measure, read_facts
-from caris_desktop.recording.session.session_alarms import alarms_of
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.session_robot import alarms_of
 from caris_desktop.recording.session_export import export_session
 from tests.recording.methods_sheets import sheet_of
 from tests.recording.told_session import at, tell

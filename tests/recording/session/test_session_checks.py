@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.events import PreflightChecked
-from caris_desktop.recording.session.session_checks import open_words, preflight_of
+from caris_desktop.recording.session.session_protocol import open_words, preflight_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
 from tests.recording.methods_sheets import sheet_of

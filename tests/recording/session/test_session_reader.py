@@ -15,12 +15,13 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.recording.recorder.session_recorder import DiskLimits, SessionRecorder
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.session_header import RecordedRobot, SessionHeader
-from caris_desktop.recording.session.session_reader import SessionError, open_session
+from caris_desktop.recording.session.session_header import RecordedRobot, SessionError, SessionHeader
+from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import command, header, mark, pose, scan, start
 from tests.recording.told_session import at, exchange, tell
 from tests.support.recorded_session import RecordedSession
@@ -84,7 +85,7 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
     assert previous == 30
 
 
-@pytest.mark.logs(r"session\.mcap_chunks: ", r"session\.session_reader: ")
+@pytest.mark.logs(r"session\.events_file: ", r"session\.session_reader: ")
 def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path) -> None:
     record(tmp_path / "s", [mark(str(number)) for number in range(50)])
     path = tmp_path / "s" / "events.mcap"

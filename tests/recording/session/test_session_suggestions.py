@@ -9,7 +9,7 @@ from pathlib import Path
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import SuggestionChanged
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
-from caris_desktop.recording.session.answers import replies_of
+from caris_desktop.recording.session.session_conversation import replies_of
 from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, start

@@ -11,9 +11,10 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
     UtteranceState,
 )
-from caris_desktop.recording.session.session_marks import FinalMark, final_marks, final_marks_of
+from caris_desktop.recording.session.session_conversation import spoken_utterances
+from caris_desktop.recording.session.session_data import read_data, spoken
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken, spoken_utterances
 from tests.recording.session.test_session_reader import record
 
 
@@ -141,7 +142,7 @@ def test_both_are_read_from_a_session(tmp_path: Path) -> None:
     )
     session = open_session(tmp_path / "s")
     assert [(one.text, one.end_ns) for one in spoken(session)] == [("text of a", now_ns + 5)]
-    assert [(mark.mark_id, mark.start_ns) for mark in final_marks(session)] == [
+    assert [(mark.mark_id, mark.start_ns) for mark in read_data(session, (Marked,)).marks] == [
         ("mark-1", now_ns + 2),
         ("mark-2", now_ns + 3),
     ]

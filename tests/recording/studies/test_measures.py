@@ -29,7 +29,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.measures.distributions import SummaryStats
+from caris_desktop.recording.exporters.templates import SummaryStats
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.session.session_data import SessionData

@@ -18,8 +18,8 @@ import pytest
 
 from caris_desktop.domain.events import GoalChanged, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.recording.annotation.annotation_import import read_eaf
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
-from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
 from caris_desktop.recording.measures.session_measures import measure, read_facts, sql

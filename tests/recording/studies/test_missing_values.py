@@ -9,7 +9,7 @@ import pytest
 
 from caris_desktop.app.export_command import _verify
 from caris_desktop.recording.measures.session_measures import measure, read_facts
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from caris_desktop.recording.studies.data_quality import data_quality_problems
@@ -26,7 +26,7 @@ def damaged(whole_session: RecordedSession, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("study") / "sessions" / "s"
     shutil.copytree(whole_session.folder, folder)
     path = folder / "events.mcap"
-    index = mcap_chunks.read_index(path)
+    index = events_file.read_index(path)
     content = bytearray(path.read_bytes())
     content[int(index.offsets[5]) + 60 : int(index.offsets[6]) + 60] = b"\xff" * int(
         index.offsets[6] - index.offsets[5]
@@ -39,7 +39,7 @@ def _told(sentences: list[str]) -> list[tuple[str, ...]]:
     return [match.groups() for sentence in sentences if (match := _TOLD.search(str(sentence)))]
 
 
-@pytest.mark.logs(r"session\.(session_reader|mcap_blocks): ", "export")
+@pytest.mark.logs(r"session\.(session_reader|events_file): ", "export")
 def test_missing_data_is_reported_alike_wherever_a_session_is_read(damaged: Path, tmp_path: Path) -> None:
     recorded = sum(json.loads((damaged / "session.json").read_text("utf-8"))["counts"].values())
     session = open_session(damaged)

@@ -25,13 +25,12 @@ from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.banners import QuestionBanner
-from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, DriveHint, FirstUse
-from caris_desktop.ui.first_use.set_up_page import SetUpPage
-from caris_desktop.ui.first_use.step_pages import LivePicture, steps_for
+from caris_desktop.ui.first_use import DRIVEN_KEY, SET_UP_KEY, DriveHint, FirstUse
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.robot_dialog import RobotDialog
+from caris_desktop.ui.set_up_page import LivePicture, SetUpPage, steps_for
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.windows import RobotChooser
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole

@@ -3,14 +3,14 @@
 from typing import Any
 
 from hypothesis import strategies as st
+from PySide6.QtCore import QRect
 
 from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_geometry import dragged, place
-from caris_desktop.ui.layout.dock_layout import DockLayout
-from caris_desktop.ui.layout.layout_rect import Rect
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import dragged, place
+from caris_desktop.ui.dock_layout import DockLayout
 
-WINDOW = Rect(0, 0, 1900, 920)
+WINDOW = QRect(0, 0, 1900, 920)
 SIDES = ("tab", "left", "right", "above", "below")
 KINDS = ("move", "move", "edge", "float", "dock", "hide", "show", "select", "resize", "place", "add", "remove")
 
@@ -35,9 +35,9 @@ def edited(arrangement: DockLayout, edit: tuple[str, int, int, int, int], spare:
     if kind == "edge":
         return edits.move_to_edge(arrangement, panel, where)
     if kind == "float":
-        return edits.float_panel(arrangement, panel, Rect(pixels, first, 300 + first, 200 + second))
+        return edits.float_panel(arrangement, panel, QRect(pixels, first, 300 + first, 200 + second))
     if kind == "place" and arrangement.floating:
-        return edits.place_window(arrangement, first % len(arrangement.floating), Rect(pixels, 5, 400, 300))
+        return edits.place_window(arrangement, first % len(arrangement.floating), QRect(pixels, 5, 400, 300))
     if kind == "resize":
         handles = place(arrangement.tree, WINDOW, arrangement.docked, room).handles
         if handles:

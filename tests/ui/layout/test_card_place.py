@@ -9,15 +9,14 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
-from caris_desktop.ui.layout.layout_rect import Rect
+from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import card_place, in_the_corner
 from tests.support.window_check import text_flaws
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole
 
-AREA = Rect(0, 0, 1300, 600)
+AREA = QRect(0, 0, 1300, 600)
 
 
 def groups_of(tree: LayoutNode, *shown: PanelName) -> tuple[GroupPlace, ...]:
@@ -30,8 +29,8 @@ def across(*names: PanelName) -> tuple[GroupPlace, ...]:
     return groups_of(tree, *names)
 
 
-def _inside(inner: Rect, outer: Rect) -> bool:
-    return outer.contains(inner.left, inner.top) and outer.contains(inner.right - 1, inner.bottom - 1)
+def _inside(inner: QRect, outer: QRect) -> bool:
+    return outer.contains(inner.left(), inner.top()) and outer.contains(inner.right(), inner.bottom())
 
 
 @pytest.mark.parametrize(
@@ -50,15 +49,15 @@ def test_the_least_missed_panel_has_them_below_its_title(
     found = card_place(groups, lambda _width: 150)
     assert found is not None
     room = next(group.body for group in groups if group.current == chosen)
-    assert _inside(found, room) and found.top >= room.top + TITLE_PX
-    assert (found.top - room.top < room.bottom - found.bottom) is upper
+    assert _inside(found, room) and found.top() >= room.top() + TITLE_PX
+    assert (found.top() - room.top() < room.bottom() - found.bottom()) is upper
 
 
 def test_speaking_and_driving_are_never_covered_and_too_tall_ones_go_to_the_corner() -> None:
     assert card_place(across("speak", "drive"), lambda _width: 40) is None
     assert card_place(across("map", "speak"), lambda _width: 500) is None
     corner = in_the_corner(AREA, lambda _width: 900)
-    assert (corner.top, corner.right) == (0, AREA.right - 20)
+    assert (corner.top(), corner.right()) == (0, AREA.right() - 20)
 
 
 def test_nothing_comes_over_what_requests_an_answer() -> None:
@@ -66,7 +65,7 @@ def test_nothing_comes_over_what_requests_an_answer() -> None:
     first = card_place(groups, lambda _width: 150)
     assert first is not None
     other = card_place(groups, lambda _width: 150, [first])
-    assert other is not None and not other.overlap(first)
+    assert other is not None and not other.intersects(first)
     assert card_place(groups, lambda _width: 150, [AREA]) is None
 
 
@@ -74,8 +73,8 @@ def test_behind_a_tab_nothing_is_covered() -> None:
     tree = SplitNode("horizontal", (PanelLeaf("speak"), TabNode(("map", "session"), "map")), (0.5, 0.5))
     groups = groups_of(tree, "speak", "map", "session")
     found = card_place(groups, lambda _width: 150)
-    assert found is not None and found.left > 650
-    assert found.top > groups[1].tab_bar.bottom + TITLE_PX
+    assert found is not None and found.left() > 650
+    assert found.top() > groups[1].tab_bar.bottom() + TITLE_PX
 
 
 def test_cards_are_on_no_title_and_older_ones_say_only_what_it_is(window: MainWindow, console: FakeConsole) -> None:

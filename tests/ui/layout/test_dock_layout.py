@@ -7,23 +7,22 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PySide6.QtCore import QRect
 from PySide6.QtGui import QUndoStack
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario, save_layout
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_geometry import place
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import panels_in, tidy
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data, panels_in
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import place
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of, tidy
 from caris_desktop.ui.layout_store import LayoutEdit
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.layout.edits import EDIT, WINDOW, edited, room
 from tests.ui.samples import MENTAL_LAYOUT, TOUR_LAYOUT
 
 TOUR = arrangement_of(TOUR_LAYOUT)
-PLACE = Rect(100, 100, 420, 300)
+PLACE = QRect(100, 100, 420, 300)
 
 
 def through_json(arrangement: DockLayout) -> DockLayout:
@@ -54,7 +53,7 @@ def test_500_edits_are_saved_undone_and_done_again(made: list[Any], layout: Any)
         placing = place(after.tree, WINDOW, after.docked, room)
         assert {panel for group in placing.groups for panel in group.panels} == after.docked
         rects = [group.rect for group in placing.groups]
-        assert not any(one.overlap(other) for i, one in enumerate(rects) for other in rects[i + 1 :])
+        assert not any(one.intersects(other) for i, one in enumerate(rects) for other in rects[i + 1 :])
         history.push(LayoutEdit(edit[0], arrangement, exchange))
         seen.append(after)
         present[0] = arrangement = after
@@ -122,18 +121,20 @@ def test_panels_can_share_a_window_of_their_own_and_leave_it_one_by_one() -> Non
 
 def test_windows_of_a_screen_that_is_not_there_come_onto_one_that_is() -> None:
     """Arranged on two screens, opened on one."""
-    left, right = Rect(0, 0, 1920, 1080), Rect(1920, 0, 2560, 1440)
-    two = edits.float_panel(edits.float_panel(TOUR, "map", Rect(2500, 300, 900, 700)), "people", Rect(60, 80, 400, 300))
+    left, right = QRect(0, 0, 1920, 1080), QRect(1920, 0, 2560, 1440)
+    two = edits.float_panel(
+        edits.float_panel(TOUR, "map", QRect(2500, 300, 900, 700)), "people", QRect(60, 80, 400, 300)
+    )
     two = edits.move(two, "session", "map", "tab")
     assert edits.clamped(two, (left, right)) == two, "with both screens nothing moves"
     on_one = edits.clamped(two, (left,))
     places = [window.place for window in on_one.floating]
-    assert all(left.overlap(place) == place.width * place.height for place in places)
-    assert places[1] == Rect(60, 80, 400, 300), "what fits stays"
+    assert all(left.contains(place) for place in places)
+    assert places[1] == QRect(60, 80, 400, 300), "what fits stays"
     assert [window.tree for window in on_one.floating] == [window.tree for window in two.floating]
     assert set(on_one.panels) == set(two.panels)
-    small = edits.clamped(two, (Rect(0, 0, 640, 400),))
-    assert all(Rect(0, 0, 640, 400).overlap(w.place) == w.place.width * w.place.height for w in small.floating)
+    small = edits.clamped(two, (QRect(0, 0, 640, 400),))
+    assert all(QRect(0, 0, 640, 400).contains(w.place) for w in small.floating)
 
 
 @pytest.mark.parametrize(

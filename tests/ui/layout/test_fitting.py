@@ -3,14 +3,24 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PySide6.QtCore import QRect
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
-from caris_desktop.ui.layout.dock_geometry import GAP_PX, TAB_BAR_PX, dragged, drop_at, lengths, place
-from caris_desktop.ui.layout.fitting import COMFORT, IMPORTANCE, fitted, size_class
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, tidy
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode, panels_in
+from caris_desktop.ui.dock_geometry import (
+    COMFORT,
+    GAP_PX,
+    IMPORTANCE,
+    TAB_BAR_PX,
+    dragged,
+    drop_at,
+    fitted,
+    lengths,
+    place,
+    size_class,
+)
+from caris_desktop.ui.dock_layout import groups_in, tidy
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.samples import TOUR_LAYOUT
 
@@ -33,10 +43,10 @@ def shipped() -> list[LayoutNode]:
 def test_on_a_small_screen_what_is_shown_has_the_room_that_it_needs(tree: LayoutNode) -> None:
     small = fitted(tree, *SMALL)
     assert set(panels_in(small)) == set(panels_in(tree)), "nothing is lost"
-    groups = place(small, Rect(0, 0, *SMALL), panels_in(small), lambda _panel: (100, 60)).groups
+    groups = place(small, QRect(0, 0, *SMALL), panels_in(small), lambda _panel: (100, 60)).groups
     for group in groups:
         width, height = comfort(group.current)
-        assert group.body.width >= width - GAP_PX and group.body.height >= height - GAP_PX, group
+        assert group.body.width() >= width - GAP_PX and group.body.height() >= height - GAP_PX, group
     fronts = {group.current for group in groups}
     assert {"video", "speak", "conversation"} & set(panels_in(tree)) <= fronts
 
@@ -46,8 +56,8 @@ def test_a_large_screen_shows_at_least_as_many_panels_at_once(tree: LayoutNode) 
     large = fitted(tree, *LARGE)
     assert set(panels_in(large)) == set(panels_in(tree))
     assert len(list(groups_in(large))) >= len(list(groups_in(tidy(tree))))
-    for group in place(large, Rect(0, 0, *LARGE), panels_in(large), lambda _panel: (100, 60)).groups:
-        assert group.body.width >= comfort(group.current)[0] - GAP_PX
+    for group in place(large, QRect(0, 0, *LARGE), panels_in(large), lambda _panel: (100, 60)).groups:
+        assert group.body.width() >= comfort(group.current)[0] - GAP_PX
 
 
 def test_between_the_two_the_file_is_taken_at_its_word() -> None:
@@ -68,7 +78,7 @@ def test_room_is_shared_to_the_last_pixel(whole: int, parts: list[tuple[float, i
 def test_a_handle_moves_only_what_lies_next_to_it() -> None:
     tree = tidy(SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("map"), PanelLeaf("speak"), PanelLeaf("drive"))))
     shown = frozenset({"video", "map", "drive"})  # Speak is hidden, but keeps its share
-    rect = Rect(0, 0, 1216, 500)
+    rect = QRect(0, 0, 1216, 500)
     handle = place(tree, rect, shown, lambda _panel: (100, 60)).handles[0]
     weights = dragged(tree, handle, 120)
     assert weights[2] == pytest.approx(0.25)
@@ -78,13 +88,13 @@ def test_a_handle_moves_only_what_lies_next_to_it() -> None:
         shown,
         lambda _panel: (100, 60),  # type: ignore[union-attr]
     )
-    assert [group.rect.width for group in moved.groups] == [520, 280, 400]
+    assert [group.rect.width() for group in moved.groups] == [520, 280, 400]
     assert dragged(tree, handle, -2000)[0] == pytest.approx(0.25 * 3 * 100 / 1200), "nobody is squeezed away"
 
 
 def test_the_place_of_a_panel() -> None:
     tree = SplitNode("horizontal", (PanelLeaf("video"), TabNode(("map", "people"), "map")), (0.5, 0.5))
-    rect = Rect(0, 0, 1008, 600)
+    rect = QRect(0, 0, 1008, 600)
     placing = place(tree, rect, panels_in(tree), lambda _panel: (100, 60))
 
     def drop(x: int, y: int, panel: str) -> tuple[object, object] | None:

@@ -4,25 +4,17 @@ import json
 import random
 
 import pytest
-from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode, panels_in
+from caris_desktop.ui.dock_area import Dock
+from caris_desktop.ui.dock_geometry import GroupPlace, place
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
-from caris_desktop.ui.layout.dock import Dock
-from caris_desktop.ui.layout.dock_geometry import GroupPlace, place
-from caris_desktop.ui.layout.dock_layout import (
-    DockLayout,
-    arrangement_data,
-    arrangement_from,
-    arrangement_of,
-    float_panel,
-)
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import panels_in
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of, float_panel
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -31,7 +23,7 @@ from tests.ui.layout.edits import KINDS, edited
 from tests.ui.layout.lying import Placed, shown_in
 from tests.ui.test_quit_guard import AskedByTheWindowManager
 
-PLACE = Rect(60, 80, 420, 300)
+PLACE = QRect(60, 80, 420, 300)
 
 
 @pytest.fixture
@@ -49,13 +41,13 @@ def arranged(host: DockHost) -> DockLayout:
 def placed(group: GroupPlace) -> Placed:
     rect = group.rect
     node = TabNode(group.panels, group.current) if group.tabbed else PanelLeaf(group.current)
-    return Placed(node, rect.left, rect.top, rect.right - 1, rect.bottom - 1)
+    return Placed(node, rect.left(), rect.top(), rect.right(), rect.bottom())
 
 
 def check(host: DockHost) -> None:
     """Assert that docked and floating panels match the layout."""
     arrangement = arranged(host)
-    room = Rect(0, 0, host.width(), host.height())
+    room = QRect(0, 0, host.width(), host.height())
     said = place(arrangement.tree, room, arrangement.docked, lambda name: host.docks[name].least())
     # Compare rectangles, as two trees describe four panels that meet in one point.
     expected = [placed(group) for group in said.groups]
@@ -112,8 +104,8 @@ def test_a_panel_keeps_what_it_has_wherever_it_goes(window: MainWindow, host: Do
 def test_a_layout_of_two_screens_opens_on_one_and_goes_back_to_both(
     window: MainWindow, host: DockHost, qtbot: QtBot
 ) -> None:
-    left, right = Rect(0, 0, 1920, 1080), Rect(1920, 0, 2560, 1440)
-    on_right = Rect(2500, 300, 900, 700)
+    left, right = QRect(0, 0, 1920, 1080), QRect(1920, 0, 2560, 1440)
+    on_right = QRect(2500, 300, 900, 700)
     host.screens = lambda: (left, right)
     window.board.show(float_panel(arrangement_of(samples.TOUR_LAYOUT), "map", on_right))
     own = host.docks["map"].window()
@@ -255,14 +247,14 @@ def test_a_locked_window_of_its_own_goes_back_to_its_place(window: MainWindow, h
     window.layout_keeper.set_locked(True)
     told: list[str] = []
     host.refused.connect(told.append)
-    own.setGeometry(300, 200, PLACE.width, PLACE.height)
+    own.setGeometry(300, 200, PLACE.width(), PLACE.height())
     own._notify()  # type: ignore[attr-defined]
-    assert own.geometry().topLeft() == QPoint(PLACE.left, PLACE.top)
+    assert own.geometry().topLeft() == PLACE.topLeft()
     assert len(told) == 1
     window.layout_keeper.set_locked(False)
-    own.setGeometry(300, 200, PLACE.width, PLACE.height)
+    own.setGeometry(300, 200, PLACE.width(), PLACE.height())
     own._notify()  # type: ignore[attr-defined]
-    assert arranged(host).floating[0].place == Rect(300, 200, PLACE.width, PLACE.height)
+    assert arranged(host).floating[0].place == QRect(300, 200, PLACE.width(), PLACE.height())
 
 
 def test_tabs_that_do_not_fit_stand_in_a_list(window: MainWindow, host: DockHost, qtbot: QtBot) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRect, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
@@ -24,10 +24,9 @@ from caris_desktop.scenario.scenario_model import (
     layout_data,
     layout_from_data,
     layout_text,
+    panels_in,
 )
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import panels_in, tidy
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, tidy
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import TitleDialog
@@ -36,7 +35,7 @@ from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
 
 WORKING = "wizards/*/layout/working"
-PLACE = Rect(100, 120, 480, 360)
+PLACE = QRect(100, 120, 480, 360)
 
 
 @pytest.fixture

@@ -9,9 +9,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui.dock_host import FloatingWindow
-from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.window_above import clear_place
+from caris_desktop.ui.window_place import clear_place
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.test_quit_guard import AskedByTheWindowManager
@@ -26,9 +25,9 @@ def wide(window: MainWindow) -> MainWindow:
     return window
 
 
-def float_at(window: MainWindow, qtbot: QtBot, name: PanelName, place: Rect) -> FloatingWindow:
+def float_at(window: MainWindow, qtbot: QtBot, name: PanelName, place: QRect) -> FloatingWindow:
     at = window.mapToGlobal(window.rect().topLeft())
-    window.dock_host.float_panel(name, Rect(place.left + at.x(), place.top + at.y(), place.width, place.height))
+    window.dock_host.float_panel(name, place.translated(at))
     floating = window.dock_host.docks[name].window()
     assert isinstance(floating, FloatingWindow)
     floating.activateWindow()
@@ -41,7 +40,7 @@ def lies(widget: QWidget) -> QRect:
 
 
 def test_the_program_can_end_and_finds_the_panels_there_again(wide: MainWindow, qtbot: QtBot) -> None:
-    floating = float_at(wide, qtbot, "map", Rect(900, 300, 500, 400))
+    floating = float_at(wide, qtbot, "map", QRect(900, 300, 500, 400))
     before = wide.dock_host.arrangement
     assert floating.close(), "else the program goes on without its main window"
     assert wide.dock_host.arrangement == before
@@ -52,7 +51,7 @@ def test_the_program_can_end_and_finds_the_panels_there_again(wide: MainWindow, 
 
 
 def test_a_window_opened_by_a_key_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
-    floating = float_at(wide, qtbot, "map", Rect(1000, 300, 400, 300))
+    floating = float_at(wide, qtbot, "map", QRect(1000, 300, 400, 300))
     for ask in (wide.focus_speak, wide.focus_driving, wide.marking.card.write_note, wide.show_command_palette):
         floating.activateWindow()
         qtbot.waitUntil(lambda: QApplication.activeWindow() is floating)
@@ -62,7 +61,7 @@ def test_a_window_opened_by_a_key_gets_the_keys(wide: MainWindow, qtbot: QtBot) 
     QTest.keyClicks(find(wide, "palette_field"), "quit")
     assert find(wide, "palette_field").property("text") == "quit"
     wide.hold.escape_pressed.emit()
-    speaking = float_at(wide, qtbot, "speak", Rect(100, 300, 400, 300))
+    speaking = float_at(wide, qtbot, "speak", QRect(100, 300, 400, 300))
     wide.activateWindow()
     qtbot.waitUntil(wide.isActiveWindow)
     wide.focus_speak()
@@ -70,7 +69,7 @@ def test_a_window_opened_by_a_key_gets_the_keys(wide: MainWindow, qtbot: QtBot) 
 
 
 def test_an_opened_window_covers_nothing_and_the_keys_go_back(wide: MainWindow, qtbot: QtBot) -> None:
-    floating = float_at(wide, qtbot, "map", Rect(980, 300, 600, 400))
+    floating = float_at(wide, qtbot, "map", QRect(980, 300, 600, 400))
     wide.show_command_palette()
     card = wide._palette_overlay.card
     assert not lies(card).intersects(floating.frameGeometry())
@@ -81,7 +80,7 @@ def test_an_opened_window_covers_nothing_and_the_keys_go_back(wide: MainWindow, 
 
 def test_a_covering_window_moves_away_and_returns(wide: MainWindow, qtbot: QtBot) -> None:
     wide.resize(780, 760)
-    floating = float_at(wide, qtbot, "map", Rect(60, 60, 680, 600))
+    floating = float_at(wide, qtbot, "map", QRect(60, 60, 680, 600))
     place, before = floating.geometry(), wide.dock_host.arrangement
     wide.show_command_palette()
     assert not floating.isVisible()
@@ -109,8 +108,8 @@ def test_a_card_moves_no_further_than_it_must(taken: tuple[QRect, ...], left: in
 
 
 def test_problems_and_notes_are_not_reported_below_a_window(wide: MainWindow, qtbot: QtBot) -> None:
-    floating = float_at(wide, qtbot, "map", Rect(0, 60, 700, 800))
-    wide._notify("Something happened.", "It matters.", "Do this.")
+    floating = float_at(wide, qtbot, "map", QRect(0, 60, 700, 800))
+    wide.problems.notify("Something happened.", "It matters.", "Do this.", "warning")
     wide.marking.card.write_note()
     for card in (wide.problems, wide.marking.card):
         assert card.isHidden() or not lies(card).intersects(floating.frameGeometry())

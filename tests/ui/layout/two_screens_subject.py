@@ -5,10 +5,9 @@
 
 import sys
 
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QRect, QSettings
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
@@ -22,7 +21,7 @@ def main() -> None:
     window.show()
     app.processEvents()
     if len(sys.argv) > 2:
-        window.dock_host.float_panel("map", Rect(int(sys.argv[2]), int(sys.argv[3]), 600, 500))
+        window.dock_host.float_panel("map", QRect(int(sys.argv[2]), int(sys.argv[3]), 600, 500))
     app.processEvents()
     place = window.dock_host.docks["map"].window().geometry()
     arrangement = window.dock_host.arrangement

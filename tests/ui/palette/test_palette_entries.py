@@ -17,11 +17,11 @@ from caris_desktop.recording.studies.study_query import SessionEntry, SessionQue
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, ProtocolStep
 from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.action_rows import go_to_nth_place
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette, Finder, PaletteItem
-from caris_desktop.ui.session_table import local_time
+from caris_desktop.ui.text_formatting import local_time
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole, FakeLibrary

@@ -17,8 +17,8 @@ from caris_desktop.ui.palette.command_palette import (
     PaletteMemory,
     Used,
 )
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import MemorySettings
 

@@ -18,10 +18,9 @@ from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.ui.conversation.transcript_view import BUTTONS, TranscriptRow, TranscriptView, words_rect
-from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import ConversationPanel
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitTextEdit
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail

@@ -11,14 +11,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.drawing import FaceState, drawing_of
 from caris_desktop.conversation.face.face_file import Face, load_face, parse_face
-from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_model import PanelLeaf, SplitNode
-from caris_desktop.ui.face.face_view import FaceView
+from caris_desktop.ui.face_window import FaceView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.face_panel import FacePanel
 from caris_desktop.ui.theme import Theme

@@ -16,9 +16,8 @@ from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.scenario.scenario_model import Permissions
-from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
-from caris_desktop.ui.preflight.preflight_list import PreflightRow
-from caris_desktop.ui.preflight.preflight_words import log_line, state_words, summary, worst
+from caris_desktop.ui.event_messages import check_line, check_state, checks_summary, worst_check
+from caris_desktop.ui.preflight_list import PreflightButton, PreflightCard, PreflightRow
 from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -75,8 +74,8 @@ def texts(widget: QWidget) -> list[str]:
 
 
 def test_the_summary_counts_what_is_open_and_names_the_worst() -> None:
-    assert (summary(CHECKS), worst(CHECKS)) == ("3 of 4 to check", "major")
-    assert (summary(READY), worst(READY)) == ("All 4 checks passed", "passed")
+    assert (checks_summary(CHECKS), worst_check(CHECKS)) == ("3 of 4 to check", "major")
+    assert (checks_summary(READY), worst_check(READY)) == ("All 4 checks passed", "passed")
 
 
 def test_the_button_follows_and_is_away_while_a_recording_runs(
@@ -104,8 +103,8 @@ def test_each_check_says_how_it_stands_and_what_to_do(card: PreflightCard) -> No
 
 def test_a_reason_that_a_status_gives_reads_as_a_sentence() -> None:
     blind = PreflightCheck("guard", "Guard", "major", "the laser is covered")
-    assert state_words(blind, ClockAnchor(0, 0)) == "The laser is covered."
-    assert state_words(replace(blind, detail=""), ClockAnchor(0, 0)) == ""
+    assert check_state(blind, ClockAnchor(0, 0)) == "The laser is covered."
+    assert check_state(replace(blind, detail=""), ClockAnchor(0, 0)) == ""
 
 
 def test_a_check_by_hand_is_ticked_by_keyboard(qtbot: QtBot, card: PreflightCard, console: FakeConsole) -> None:
@@ -154,7 +153,7 @@ def test_a_replay_shows_the_recorded_checks_and_changes_nothing(
 class Dialog:
     def __init__(self, qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole) -> None:
         self.begun: list[tuple[TrialDetails, bool]] = []
-        self.dialog = StartDialog(theme, window, console=console)
+        self.dialog = StartDialog(theme, window, console)
         self.dialog.know(BeforeRecording(TrialDetails(participant="P1")))
         self.dialog.begin.connect(lambda details, anyway: self.begun.append((details, anyway)))
         self.dialog.open()
@@ -203,7 +202,7 @@ def test_minor_things_do_not_keep_anybody(dialog: Dialog, console: FakeConsole) 
 
 def test_the_log_has_ticks_and_what_was_open() -> None:
     def line(**told: object) -> tuple[str, str] | None:
-        return log_line(replace(PreflightChecked(1, "robot", "Robot is connected", "passed"), **told))
+        return check_line(replace(PreflightChecked(1, "robot", "Robot is connected", "passed"), **told))
 
     assert line() == ("Session", "Checked: Robot is connected")
     assert line(state="not checked") == ("Session", "No longer checked: Robot is connected")
@@ -214,8 +213,8 @@ def test_the_log_has_ticks_and_what_was_open() -> None:
         "Started despite: Robot is connected (major)",
     )
     ticked = replace(FORM, state="passed", actor=WIZARD, checked_ns=60_000_000_000)
-    assert state_words(ticked, ClockAnchor(0, 0)).startswith("Ticked by you at ")
-    assert state_words(replace(ticked, actor="wizard:b"), ClockAnchor(0, 0)).startswith("Ticked by another wizard at")
+    assert check_state(ticked, ClockAnchor(0, 0)).startswith("Ticked by you at ")
+    assert check_state(replace(ticked, actor="wizard:b"), ClockAnchor(0, 0)).startswith("Ticked by another wizard at")
 
 
 def test_items_to_tick_are_read_to_their_end(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
@@ -225,7 +224,7 @@ def test_items_to_tick_are_read_to_their_end(qtbot: QtBot, theme: Theme, console
     qtbot.addWidget(parent)
     parent.resize(1366, 768)
     parent.show()
-    dialog = StartDialog(theme, parent, None, console)
+    dialog = StartDialog(theme, parent, console)
     dialog.open()
     row = next(row for row in dialog.findChildren(PreflightRow) if row.accessibleName().startswith(title))
     assert row.box is not None

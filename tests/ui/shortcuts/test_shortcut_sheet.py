@@ -14,7 +14,7 @@ from caris_desktop.scenario.phrases import Phrase
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
 from caris_desktop.ui.key_choices import Keys, as_text
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.shortcuts.shortcut_sheet import KeyCell, ShortcutRow, ShortcutSheet
+from caris_desktop.ui.shortcut_sheet import KeyCell, ShortcutRow, ShortcutSheet
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples

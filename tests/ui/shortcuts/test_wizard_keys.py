@@ -10,8 +10,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.scenario.phrases import Phrase
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.key_choices import Keys, as_text
-from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
-from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.shortcut_sheet import WizardKeys
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole

@@ -1,1 +1,0 @@
-"""Audio: playback, jitter buffer and resampling."""

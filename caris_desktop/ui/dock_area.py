@@ -1,0 +1,676 @@
+"""Dock area widget: shows a layout tree as docks, tab bars and split handles. A dock is a panel with its title bar, by
+which it is dragged, closed and floated.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import (
+    QAccessible,
+    QCloseEvent,
+    QColor,
+    QContextMenuEvent,
+    QEnterEvent,
+    QHideEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QShowEvent,
+)
+from PySide6.QtWidgets import QApplication, QFrame, QMenu, QPushButton, QScrollArea, QSizePolicy, QTabBar, QWidget
+
+from caris_desktop.domain.translation import tr
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.dock_geometry import TITLE_PX, DockGeometry, GroupPlace, Handle, Room, dragged, place
+from caris_desktop.ui.focus_widget import Bar, KeyPlace
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card, show_part
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import ElidedLabel
+
+_BUTTON_PX = 26
+_LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
+
+
+class PanelTitleBar(Bar, QWidget):
+    """Upper part of a panel's card: title left, status text and controls right.
+
+    When space is short, the status text is elided first, then buttons with an icon lose their text from right to left,
+    and last the title is elided; tooltips show elided text. ``more``: controls of the dock area, after the panel's own.
+    ``looked_at``: view-only, without controls. On a ``picture`` it is only the controls, the first at the left end.
+    """
+
+    def __init__(
+        self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False, picture: QWidget | None = None
+    ) -> None:
+        super().__init__()
+        self._picture = picture
+        self._pointed = False
+        self._unseen = QWidget(self) if looked_at else None
+        if self._unseen is not None:
+            self._unseen.hide()
+        self._panel = panel
+        self._theme = panel.theme
+        self.setFixedHeight(TITLE_HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self._title = ElidedLabel()
+        self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
+        self._title.setMinimumWidth(_LEAST_TITLE_PX)
+        self._title.setText(panel.shown_title)
+        self._fact = _ElidedLabel()
+        self._fact.setObjectName("panel_fact")
+        self._more = tuple(more)
+        self._controls: tuple[QWidget, ...] = ()
+        self._row = row = layouts.hbox(self, spacing_px=8)
+        row.addWidget(self._title)
+        row.addWidget(self._fact, 1)
+        self._show_controls()
+        self._title.setVisible(picture is None)
+        # Clicks on the labels must reach the dock, which is dragged by its title.
+        for label in (self._title, self._fact):
+            label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        panel.fact_changed.connect(self._show_fact)
+        panel.title_changed.connect(self._title.setText)
+        panel.controls_changed.connect(self._show_controls)
+        panel.active_changed.connect(self._on_active_changed)
+        self._theme.restyle_on_change(self._style)
+
+    def _show_controls(self) -> None:
+        own, more = self._panel.title_widgets(), self._more
+        # What appears under the pointer only comes first, so that the others reach the edge.
+        controls = (*more, *own) if self._picture is None else (*own[:1], *more, *own[1:])
+        before, self._controls = self._controls, controls
+        for widget in before:
+            self._row.removeWidget(widget)
+            if widget not in self._controls:
+                widget.hide()
+                widget.deleteLater()
+        if self._unseen is not None:
+            for widget in self._controls:
+                widget.setParent(self._unseen)
+            self._controls = ()
+        over = self._picture is not None
+        self._row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
+        for number, widget in enumerate(self._controls):
+            self._row.insertWidget(0 if over and number == 0 else self._row.count(), widget)
+        self.set_pointed(self._pointed)
+
+    def set_pointed(self, pointed: bool) -> None:
+        """Set whether the pointer is over the panel, which shows its quiet buttons."""
+        self._pointed = pointed
+        for widget in self._controls:
+            if isinstance(widget, ActionButton):
+                widget.set_pointed(pointed)
+        self._place_fact()
+
+    def _place_fact(self) -> None:
+        """Give the status text the place of quiet buttons, as long as they are not seen."""
+        seen = [
+            widget
+            for widget in self._controls
+            if not widget.isHidden() and (self._pointed or not isinstance(widget, ActionButton) or widget.is_seen)
+        ]
+        place = self._fact.geometry()
+        edge = self.width() - self._row.contentsMargins().right() + self._row.spacing()
+        place.setRight(min((widget.x() for widget in seen), default=min(edge, self.width() - 6)) - self._row.spacing())
+        self._fact.setGeometry(place)
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
+            self._fit()
+            self._place_fact()
+        return super().event(event)
+
+    def _fit(self) -> None:
+        """Hide button texts as far as the title needs their space."""
+        row = self._row
+        visible = [widget for widget in self._controls if not widget.isHidden()]
+        widths = [self._title.sizeHint().width()] if not self._title.isHidden() else []
+        widths += [widget.sizeHint().width() for widget in visible]
+        margins = row.contentsMargins()
+        missing_px = sum(widths) + row.spacing() * len(widths) + margins.left() + margins.right() - self.width()
+        for button in reversed(visible):
+            if not isinstance(button, ActionButton) or not button.may_shrink:
+                continue
+            full_px, least_px = button.sizeHint().width(), button.minimumSizeHint().width()
+            button.setMaximumWidth(least_px if missing_px > 0 else _ANY_PX)
+            missing_px -= full_px - least_px if missing_px > 0 else 0
+        # The title ignores the mouse because it is the drag handle.
+        self.setToolTip(self._panel.shown_title if missing_px > 0 and not self._title.isHidden() else "")
+
+    def sizeHint(self) -> QSize:
+        # A dock queries only this size of its title bar.
+        return QSize(160, TITLE_HEIGHT_PX)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, TITLE_HEIGHT_PX)
+
+    def set_tabbed(self, tabbed: bool) -> None:
+        """Hide the title in a tab group: the tab shows it."""
+        self._title.setVisible(not tabbed and self._picture is None)
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._fact.setFont(self._theme.font(tokens.STATUS_PX))
+        self._show_fact(*self._panel.fact)
+        self.update()
+
+    def _show_fact(self, text: str, role: str) -> None:
+        if self._picture is not None:
+            return  # the picture says it
+        self._fact.set_text(
+            text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
+        )
+
+    def _on_active_changed(self, _active: bool) -> None:
+        self.update()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        event.ignore()  # starts dragging the dock
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._picture is not None:
+            return
+        painter = QPainter(self)
+        draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
+
+
+class _ElidedLabel(QWidget):
+    """Right-aligned, elided single line; its beginning may be highlighted."""
+
+    accessible_role = QAccessible.Role.StaticText
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = ""
+        self._lead = 0
+        self._color = QColor()
+        self._rest_color = QColor()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    def set_text(self, text: str, color: QColor, *, lead: int, rest_color: QColor) -> None:
+        self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
+        self.setAccessibleName(text)
+        self.setToolTip(text)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        metrics = self.fontMetrics()
+        text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
+        place = self.rect()
+        place.setLeft(place.right() + 1 - metrics.horizontalAdvance(text))
+        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        for part, color in ((text[: self._lead], self._color), (text[self._lead :], self._rest_color)):
+            painter.setPen(color)
+            painter.drawText(place, middle | int(Qt.TextFlag.TextDontClip), part)
+            place.setLeft(place.left() + metrics.horizontalAdvance(part))
+
+
+class DockRequests(QObject):
+    """What the wizard requests at a panel's title, menu or tab, and the drag of a panel by one of them."""
+
+    tab_chosen = Signal(object)  # PanelName
+    tab_clicked = Signal(object)  # focus its panel too
+    close_requested = Signal(object)
+    float_requested = Signal(object)  # float or dock
+    menu_requested = Signal(object, object)  # PanelName, QPoint on the desktop
+    drag_moved = Signal(object, object)
+    drag_dropped = Signal(object, object)
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._pressed: PanelName | None = None
+        self._pressed_at = QPoint()
+        self._least_px = 0
+        self._dragging = False
+
+    def press(self, name: PanelName, event: QMouseEvent, *, times_start_distance: int = 1) -> None:
+        """The panel is dragged once the pointer is this far from the press."""
+        self._pressed, self._pressed_at = name, event.globalPosition().toPoint()
+        self._least_px = times_start_distance * QApplication.startDragDistance()
+
+    def move(self, event: QMouseEvent) -> None:
+        at = event.globalPosition().toPoint()
+        if self._pressed is not None and self._is_drag(at):
+            self._dragging = True
+            self.drag_moved.emit(self._pressed, at)
+
+    def release(self, event: QMouseEvent) -> bool:
+        """Drop a dragged panel; returns whether the press was a click."""
+        at = event.globalPosition().toPoint()
+        # A quick release can precede the first move event.
+        pressed, dragged = self._pressed, self._is_drag(at)
+        self._pressed, self._dragging = None, False
+        if pressed is not None and dragged:
+            self.drag_dropped.emit(pressed, at)  # the tab bar of the press may be deleted by it
+        return pressed is not None and not dragged
+
+    def _is_drag(self, at: QPoint) -> bool:
+        return self._dragging or (at - self._pressed_at).manhattanLength() >= self._least_px
+
+
+class _Handle(ActionButton):
+    """Handle of a panel without a title bar: the dock gets its presses, for dragging. A key clicks it."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        event.ignore()
+
+
+class Dock(KeyPlace):
+    """Title bar and panel. In a dock that is too small the panel keeps its minimum size and scrolls."""
+
+    def __init__(self, name: PanelName, panel: Panel, requests: DockRequests, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.name = name
+        self.setObjectName(f"dock_{name}")
+        self._panel = panel
+        self._requests = requests
+        self._floating = False
+        self._scroll = QScrollArea(self)
+        self._scroll.setObjectName("panel_scroll")
+        self._scroll.setFrameShape(QFrame.Shape.NoFrame)
+        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        panel.setParent(self._scroll.viewport())
+        self._scroll.setWidget(panel)
+        for part in (panel, self._scroll.viewport()):  # a panel paints its card
+            part.setAutoFillBackground(False)
+        panel.show()
+        picture = panel.picture()
+        self._title_px = TITLE_PX if picture is None else 0
+        self._handle = _Handle(panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX)
+        self._handle.setObjectName("panel_handle")
+        self._handle.set_quiet(True)
+        self._handle.setToolTip(tr("Drag to move this panel, click for its menu"))
+        self._handle.clicked.connect(self._open_menu)
+        self._handle.setParent(self)
+        if picture is None:
+            self._handle.hide()
+        self._float = ActionButton(
+            panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX
+        )
+        self._float.setObjectName("float_button")
+        self._float.set_quiet(True)
+        self._float.clicked.connect(lambda: requests.float_requested.emit(name))
+        parts = (self._float,) if picture is None else (self._float, self._handle)
+        self._title_bar = PanelTitleBar(panel, parts, picture=picture)
+        if picture is None:
+            self._title_bar.setParent(self)
+        else:
+            self._over_picture = layouts.vbox(picture, margins_px=0)
+            self._over_picture.addWidget(self._title_bar)
+            self._over_picture.addStretch(1)
+        self._title_bar.show()
+        panel.title_changed.connect(self._on_title_changed)
+        self._on_title_changed(panel.shown_title)
+        self.set_place(floating=False, locked=False)
+
+    def focus_target(self) -> QWidget:
+        return self._panel.focus_target()
+
+    def widget(self) -> Panel:
+        return self._panel
+
+    def titleBarWidget(self) -> PanelTitleBar:
+        return self._title_bar
+
+    def isFloating(self) -> bool:
+        """Whether it is in a floating window, alone or with others."""
+        return self._floating
+
+    def set_place(self, *, floating: bool, locked: bool) -> None:
+        self._floating = floating
+        show_part(self._float, not locked)
+        words = tr("Dock in the main window") if floating else tr("Open in a separate window")
+        self._float.set_label("", icon="arrow-square-in" if floating else "arrow-square-out")
+        self._float.setAccessibleName(f"{self._panel.shown_title}: {words}")
+        self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=self._panel.shown_title))
+        self._float.setToolTip(words)
+
+    def set_shown(self, visible: bool) -> None:
+        """Show the dock, or hide it behind another tab or entirely."""
+        self.setVisible(visible)
+        self._panel.set_in_view(visible)
+
+    def least(self) -> Room:
+        """Minimum size, including the title bar."""
+        need = self._panel_need()
+        return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + self._title_px)
+
+    def _panel_need(self) -> QSize:
+        """Minimum size of the panel: an explicit one overrides its size hint."""
+        hint, least = self._panel.minimumSizeHint(), self._panel.minimumSize()
+        return QSize(least.width() or hint.width(), least.height() or hint.height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.fit()
+
+    def fit(self) -> None:
+        """Lay out title bar and panel."""
+        if self._title_px:
+            self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
+        self._scroll.setGeometry(0, self._title_px, self.width(), max(0, self.height() - self._title_px))
+        room, need = self._scroll.maximumViewportSize(), self._panel_need()
+        # Beside a scroll bar across the other direction.
+        if need.height() > room.height():
+            room.setWidth(room.width() - self._scroll.verticalScrollBar().sizeHint().width())
+        if need.width() > room.width():
+            room.setHeight(room.height() - self._scroll.horizontalScrollBar().sizeHint().height())
+        self._panel.resize(room.expandedTo(need))
+
+    # ---- controls that appear under the pointer
+
+    def enterEvent(self, event: QEnterEvent) -> None:
+        super().enterEvent(event)
+        self._title_bar.set_pointed(True)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        super().leaveEvent(event)
+        self._title_bar.set_pointed(False)
+
+    def leave_clear(self, covered: QRect) -> None:
+        """Keep the controls on a picture below what covers its upper edge, in the coordinates of the parent."""
+        if not self._title_px:
+            lower = covered.bottom() + 1 - self.y() if covered.intersects(self.geometry()) else 0
+            self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
+
+    def _is_handle(self, at: QPoint) -> bool:
+        return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
+
+    def _open_menu(self, _checked: bool = False) -> None:
+        self._requests.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
+
+    # ---- dragging
+
+    @property
+    def _title_bottom(self) -> int:
+        """Lower end of the title bar, by which the panel is dragged."""
+        return self._title_bar.mapTo(self, QPoint(0, TITLE_PX)).y()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and event.position().y() < self._title_bottom:
+            self._requests.press(self.name, event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        self._requests.move(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._requests.release(event) and self._is_handle(event.globalPosition().toPoint()):
+            self._open_menu()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        if event.position().y() < self._title_bottom:
+            self._requests.float_requested.emit(self.name)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        if event.y() < self._title_bottom:
+            self._requests.menu_requested.emit(self.name, event.globalPos())
+
+    # ---- Qt events
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        event.ignore()
+        self._requests.close_requested.emit(self.name)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._panel.set_in_view(True)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._panel.set_in_view(False)
+
+    def _on_title_changed(self, title: str) -> None:
+        self.setWindowTitle(title)
+        self.set_place(floating=self._floating, locked=self._float.isHidden())
+
+
+_LEAST = QSize(320, 200)
+_MORE_PX = 34
+_TAB_DRAG_FACTOR = 2  # a click on a tab that slips is not a drag
+
+
+class DockArea(QWidget):
+    """Lays out ``docks``; reports the wizard's edits to the owner of the whole layout."""
+
+    laid_out = Signal()
+    resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was released
+
+    def __init__(
+        self, docks: Mapping[PanelName, Dock], requests: DockRequests | None, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.docks = docks
+        self.requests = requests if requests is not None else DockRequests(self)
+        self.whole_tree: LayoutNode | None = None
+        self.locked = False
+        self._visible: frozenset[PanelName] = frozenset()
+        self.placing = DockGeometry()
+        self._bars: list[PanelTabs] = []
+        self._handles: list[SplitHandle] = []
+
+    def minimumSizeHint(self) -> QSize:
+        return _LEAST
+
+    def show_tree(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
+        """Show the ``visible`` panels of the tree; each has a dock."""
+        for name in visible:
+            dock = self.docks[name]
+            if dock.parentWidget() is not self:
+                self._adopt(dock)
+        self.whole_tree, self._visible = tree, visible
+        self.lay_out()
+
+    def _adopt(self, dock: Dock) -> None:
+        """Take a dock from another window."""
+        dock.setParent(self)
+        dock.lower()  # below popups
+
+    def lay_out(self) -> None:
+        tree = self.whole_tree
+        self.placing = DockGeometry() if tree is None else place(tree, self.rect(), self._visible, self._least)
+        tabbed = [group for group in self.placing.groups if group.tabbed]
+        layouts.adjust_count(self._bars, len(tabbed), self._new_bar)
+        for bar, group in zip(self._bars, tabbed, strict=True):
+            bar.show_group(group, [self.docks[name].windowTitle() for name in group.panels])
+        layouts.adjust_count(self._handles, len(self.placing.handles), self._new_handle)
+        for widget, handle in zip(self._handles, self.placing.handles, strict=True):
+            widget.show_handle(handle, locked=self.locked)
+        for group in self.placing.groups:
+            for name in group.panels:
+                dock = self.docks[name]
+                dock.titleBarWidget().set_tabbed(group.tabbed)
+                if name == group.current:
+                    dock.setGeometry(group.body)
+                    dock.fit()  # its minimum may have changed
+                dock.set_shown(name == group.current)
+        self.laid_out.emit()
+
+    def leave_room(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
+        """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the
+        tabs of removed panels disappear.
+        """
+        self.whole_tree, self._visible = tree, visible
+        for bar in [bar for bar in self._bars if not visible.issuperset(bar.panels)]:
+            self._bars.remove(bar)
+            bar.hide()
+            bar.deleteLater()
+
+    def _least(self, name: PanelName) -> tuple[int, int]:
+        return self.docks[name].least()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.lay_out()
+
+    def retitle(self) -> None:
+        """Update the tab titles."""
+        for bar in self._bars:
+            bar.show_titles([self.docks[name].windowTitle() for name in bar.panels])
+
+    # ---- tabs and split handles
+
+    def _new_bar(self) -> "PanelTabs":
+        bar = PanelTabs(self.requests, self)
+        bar.show()
+        bar.lower()
+        return bar
+
+    def _new_handle(self) -> "SplitHandle":
+        handle = SplitHandle(self)
+        handle.moved.connect(self._on_handle_moved)
+        handle.show()
+        handle.lower()
+        return handle
+
+    def _on_handle_moved(self, handle: Handle, moved_px: int, let_go: bool) -> None:
+        if self.whole_tree is not None:
+            self.resized_by_hand.emit(handle.path, dragged(self.whole_tree, handle, moved_px), let_go)
+
+    @property
+    def bars(self) -> Sequence["PanelTabs"]:
+        return self._bars
+
+
+class PanelTabs(Bar, QTabBar):
+    """Tab bar of a group. Dragging a tab moves that panel only."""
+
+    def __init__(self, requests: DockRequests, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._requests = requests
+        self.panels: tuple[PanelName, ...] = ()
+        self.setExpanding(False)
+        self.setDrawBase(False)
+        # Tabs that do not fit are in a list at the end: "D…" or half a tab identifies no panel.
+        self.setElideMode(Qt.TextElideMode.ElideNone)
+        self.setUsesScrollButtons(False)
+        self._more = QPushButton("»", self)
+        self._more.setObjectName("more_tabs")
+        self._more.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self._more.clicked.connect(self._open_more)
+        self._more.hide()
+        self.setAccessibleName(tr("Panels in tabs"))
+        self.currentChanged.connect(self._on_current_changed)
+
+    def show_group(self, group: GroupPlace, titles: Sequence[str]) -> None:
+        blocked = self.blockSignals(True)
+        if group.panels != self.panels:
+            self.panels = group.panels
+            while self.count():
+                self.removeTab(0)
+            for title in titles:
+                self.addTab(title)
+        self.show_titles(titles)
+        self.setCurrentIndex(group.panels.index(group.current))
+        self.setGeometry(group.tab_bar)
+        self._show_what_fits()
+        self.blockSignals(blocked)
+
+    def _show_what_fits(self) -> None:
+        """Show as many whole tabs as fit, always including the current one; the list has the others."""
+        for index in range(self.count()):
+            self.setTabVisible(index, True)
+        widths = [self.tabSizeHint(index).width() for index in range(self.count())]
+        if sum(widths) <= self.width():
+            self._more.hide()
+            return
+        room = self.width() - _MORE_PX - widths[self.currentIndex()]
+        for index in (index for index in range(self.count()) if index != self.currentIndex()):
+            room -= widths[index]
+            self.setTabVisible(index, room >= 0)
+        self._more.setGeometry(self.width() - _MORE_PX, 2, _MORE_PX, self.height() - 6)
+        words = tr("More tabs: {names}").format(names=", ".join(self.tabText(index) for index in self._in_list()))
+        self._more.setToolTip(words)
+        self._more.setAccessibleName(words)
+        self._more.show()
+
+    def _in_list(self) -> list[int]:
+        return [index for index in range(self.count()) if not self.isTabVisible(index)]
+
+    def _open_more(self) -> None:
+        menu = QMenu(self)
+        menu.setObjectName("more_tabs_menu")
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        for index in self._in_list():
+            # By name: this bar may show other panels once the menu has closed.
+            menu.addAction(self.tabText(index)).triggered.connect(
+                lambda _checked, name=self.panels[index]: self._requests.tab_clicked.emit(name)
+            )
+        menu.popup(self._more.mapToGlobal(self._more.rect().bottomLeft()))
+
+    def minimumTabSizeHint(self, index: int) -> QSize:
+        return self.tabSizeHint(index)
+
+    def show_titles(self, titles: Sequence[str]) -> None:
+        for index, title in enumerate(titles):
+            if self.tabText(index) != title:
+                self.setTabText(index, title)
+
+    def place_of(self, at: QPoint, panel: PanelName) -> int:
+        """Tab index for a drop at this point, not counting the panel itself."""
+        others = [i for i, name in enumerate(self.panels) if name != panel and self.isTabVisible(i)]
+        return sum(self.tabRect(index).center().x() < at.x() for index in others)
+
+    def _on_current_changed(self, index: int) -> None:
+        if 0 <= index < len(self.panels):
+            self._requests.tab_chosen.emit(self.panels[index])
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        index = self.tabAt(event.position().toPoint())
+        pressed = self.panels[index] if event.button() == Qt.MouseButton.LeftButton and index >= 0 else None
+        super().mousePressEvent(event)
+        if pressed is not None:
+            self._requests.press(pressed, event, times_start_distance=_TAB_DRAG_FACTOR)
+            self._requests.tab_clicked.emit(pressed)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        self._requests.move(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        super().mouseReleaseEvent(event)
+        self._requests.release(event)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        index = self.tabAt(event.pos())
+        if index >= 0:
+            self._requests.menu_requested.emit(self.panels[index], event.globalPos())
+
+
+class SplitHandle(QWidget):
+    """Split handle between two parts."""
+
+    moved = Signal(object, int, bool)  # Handle at the press, offset in px, whether it was released
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("split_handle")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._handle: Handle | None = None
+        self._from: tuple[Handle, int] | None = None
+
+    def show_handle(self, handle: Handle, *, locked: bool) -> None:
+        self._handle = handle
+        self.setGeometry(handle.rect)
+        self.setEnabled(not locked)
+        shape = Qt.CursorShape.SplitHCursor if handle.split == "horizontal" else Qt.CursorShape.SplitVCursor
+        self.setCursor(Qt.CursorShape.ArrowCursor if locked else shape)
+
+    def _position(self, event: QMouseEvent, handle: Handle) -> int:
+        at = event.globalPosition()
+        return round(at.x() if handle.split == "horizontal" else at.y())
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and self._handle is not None:
+            self._from = (self._handle, self._position(event, self._handle))
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._from is not None:
+            handle, start = self._from
+            self.moved.emit(handle, self._position(event, handle) - start, False)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._from is not None:
+            (handle, start), self._from = self._from, None
+            self.moved.emit(handle, self._position(event, handle) - start, True)

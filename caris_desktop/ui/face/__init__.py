@@ -1,1 +1,0 @@
-"""The robot's face on this computer's screens."""

@@ -1,1 +1,0 @@
-"""First start: try a simulated robot, or set up everything step by step."""

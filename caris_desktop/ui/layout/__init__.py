@@ -1,1 +1,0 @@
-"""Dock layout: as plain data, and the widgets that show it."""

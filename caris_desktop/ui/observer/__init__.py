@@ -1,1 +1,0 @@
-"""Observer window: read-only second window."""

@@ -1,1 +1,0 @@
-"""Guided practice, and its results per wizard."""

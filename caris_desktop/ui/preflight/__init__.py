@@ -1,1 +1,0 @@
-"""Preflight checks in the window."""

@@ -1,1 +1,0 @@
-"""Shortcut sheet, and the wizard's own key bindings."""
