@@ -94,6 +94,8 @@ def test_a_panel_behind_another_tab_does_nothing(
     go_on(console, 1)
     # Pending paint events of the hidden panel are processed first.
     qtbot.waitUntil(lambda: not any(timer.isActive() for timer in panel.findChildren(QTimer)))
+    for _ in range(3):  # so are calls that a graphics scene has queued
+        QApplication.processEvents()
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     work = Work(app, panel)

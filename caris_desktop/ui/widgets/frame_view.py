@@ -589,7 +589,13 @@ def paint_words(
         onto.setPen(ink)
         onto.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
-    painted.draw(painter, place.topLeft(), place.size(), (text, ink.rgba(), ground.rgba()), paint)
+    painted.draw(
+        painter,
+        place.topLeft(),
+        place.size(),
+        (text, font.key(), ink.name(), ground.name(QColor.NameFormat.HexArgb)),
+        paint,
+    )
 
 
 def _bars(edge: QRect, width: int) -> tuple[QRect, QRect, QRect, QRect]:

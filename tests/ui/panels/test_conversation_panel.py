@@ -260,7 +260,7 @@ def test_tags_and_a_mark(qtbot: QtBot, panel: ConversationPanel, console: FakeCo
     (mark,) = console.named("mark")
     assert mark == ("", "mark")
     made = next(iter(console.marks.values()))
-    assert made.start_ns == pytest.approx(panel.view.rows[0].begins_ns, abs=1_000_000), "it is where the turn began"
+    assert made.start_ns == pytest.approx(panel.view.rows[0].begins_ns, abs=100_000_000), "it is where the turn began"
 
 
 def test_words_left_without_enter_are_as_they_were(
