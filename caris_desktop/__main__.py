@@ -11,7 +11,7 @@ def main(arguments: list[str] | None = None) -> int:
     # Late imports: the window must not wait for what only another command needs, nor a child process for any of it.
     from caris_desktop.app import command_table
     from caris_desktop.domain.file_replacement import make_new_files_private
-    from caris_desktop.domain.process_title import title_process
+    from caris_desktop.domain.process_settings import title_process
 
     if arguments is None:  # the whole process is this program
         make_new_files_private()

@@ -4,7 +4,7 @@ import json
 import sys
 from pathlib import Path
 
-from caris_desktop.domain.schema_labels import texts_of
+from caris_desktop.domain.schema_paths import texts_of
 from caris_desktop.scenario.scenario_model import Scenario
 
 Path(sys.argv[1]).write_text(

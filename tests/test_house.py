@@ -219,7 +219,7 @@ def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     shipped = {"simulator/shipped_data.py"}  # only files of the program itself, which use references
     assert {name for name, text in files().items() if reads.search(text)} <= one_text | shipped
     assert {name for name, text in files().items() if writes.search(text)} <= (
-        {"domain/yaml_writing.py"} | one_text | of_the_map_server
+        {"domain/yaml_files.py"} | one_text | of_the_map_server
     )
 
 

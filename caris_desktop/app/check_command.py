@@ -15,7 +15,7 @@ from caris_desktop.conversation.listening.engines import EngineUnavailableError,
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
-from caris_desktop.domain.picture_checks import PictureError, fitted
+from caris_desktop.domain.media_checks import PictureError, fitted
 from caris_desktop.domain.plugin_process import why_unusable
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, redirect_stderr, redirect_stdout
 from typing import TextIO, cast
 
 from caris_desktop.app.arguments import build_parser
-from caris_desktop.domain.printable import PrintableStream
+from caris_desktop.domain.foreign_text import PrintableStream
 from caris_desktop.live.logs import configure_logging, log_file
 
 

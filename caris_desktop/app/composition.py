@@ -27,14 +27,13 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import Event, Problem
+from caris_desktop.domain.events import Event, Problem, TrialDetails
 from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Adapters, RobotAdapters
@@ -92,9 +91,16 @@ from caris_desktop.scenario.bundle import (
     unpack,
     write_bundle,
 )
-from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, save_places, save_text, scenario_text
-from caris_desktop.scenario.scenario_library import find_scenario as find_scenario_file
-from caris_desktop.scenario.scenario_library import own_file, user_scenarios_dir
+from caris_desktop.scenario.scenario_file import (
+    ScenarioError,
+    load_scenario,
+    own_file,
+    save_places,
+    save_text,
+    scenario_text,
+    user_scenarios_dir,
+)
+from caris_desktop.scenario.scenario_file import find_scenario as find_scenario_file
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study.study_folder import (
     StudyFolder,

@@ -15,8 +15,7 @@ from caris_desktop.app.command_table import COMMANDS, parser_of
 from caris_desktop.conversation.face.face_file import Face
 from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.recorded_messages import TEXTS_PATH
-from caris_desktop.domain.schema_docs import reference, with_tables
-from caris_desktop.domain.schema_json import schema_text
+from caris_desktop.domain.schema_json import reference, schema_text, with_tables
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.annotation.annotation_store import Coding
 from caris_desktop.recording.study_file import StudyFile

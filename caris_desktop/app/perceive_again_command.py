@@ -17,7 +17,7 @@ from caris_desktop.app.arguments import add_tracker
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE

@@ -17,13 +17,12 @@ from typing import Any
 from PySide6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, Signal
 
 from caris_desktop.domain.failure import RefusedError, UserFacingError
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.confirmed_files import carry
-from caris_desktop.scenario.scenario_file import ScenarioError, save_layout, save_scenario
-from caris_desktop.scenario.scenario_library import own_file, own_file_called
+from caris_desktop.scenario.scenario_file import ScenarioError, own_file, own_file_called, save_layout, save_scenario
 from caris_desktop.scenario.scenario_model import (
     LayoutNode,
     Scenario,

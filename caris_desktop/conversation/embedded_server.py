@@ -32,7 +32,7 @@ from caris_desktop.domain.plugins import (
     load,
     watched,
 )
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 

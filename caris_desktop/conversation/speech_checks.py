@@ -41,7 +41,7 @@ from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.conversation.synthesis import VoiceEngine
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 

@@ -36,7 +36,7 @@ from caris_desktop.conversation.voices.utterance_sound import (
 )
 from caris_desktop.conversation.voices.voice_selection import every_voice, open_voice
 from caris_desktop.domain.plugins import PluginError
-from caris_desktop.domain.process_title import title_process
+from caris_desktop.domain.process_settings import title_process
 
 MAX_STORED_BYTES = 24_000_000
 """Nine minutes of a usual voice."""

@@ -844,3 +844,21 @@ EVENTS: tuple[type[Event], ...] = tuple(
     kind for kind in vars().copy().values() if isinstance(kind, type) and issubclass(kind, Event) and kind is not Event
 )
 """All kinds; tables and tiers come in this order."""
+
+
+# Trial details: study, participant and condition of a session.
+
+
+class TrialDetails(Value):
+    """Answers of the start dialog; all of them may be left empty.
+
+    ``recording`` counts the recordings of one trial. ``purpose`` is practice for a wizard's training, else empty.
+    """
+
+    study: str = ""
+    participant: str = ""
+    condition: str = ""
+    trial: str = ""
+    wizard: str = ""
+    recording: str = ""
+    purpose: str = ""

@@ -20,13 +20,13 @@ from caris_desktop.domain.events import (
     CommandSource,
     ConsentKind,
     MarkKind,
+    TrialDetails,
     UtteranceOrigin,
     VoiceOutput,
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sound_values import Role, TalkTo
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 
 Permission = Literal[

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from caris_desktop import __version__
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.printable import printable
+from caris_desktop.domain.foreign_text import printable
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 

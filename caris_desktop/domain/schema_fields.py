@@ -19,8 +19,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
-from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.value_class import Value
+
+KeyPath = tuple[str | int, ...]
+Problem = tuple[KeyPath, str]
+"""Path of a problem in a file, and its sentence."""
+
+
+def name_of(path: KeyPath) -> str:
+    """Path as in messages: ``'places[2].x_m'``, counted from 1."""
+    text = ""
+    for part in path:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return f"'{text}'"
+
 
 # Type hints, normalised across libraries and Python versions.
 

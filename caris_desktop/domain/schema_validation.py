@@ -2,13 +2,22 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from caris_desktop.domain.key_path import KeyPath, Problem, name_of
-from caris_desktop.domain.schema_fields import Group, Key, ValueForm, form_of, keys_of, matching_group
+from caris_desktop.domain.schema_fields import (
+    Group,
+    Key,
+    KeyPath,
+    Problem,
+    ValueForm,
+    form_of,
+    keys_of,
+    matching_group,
+    name_of,
+)
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.yaml_source import LocatedData
+from caris_desktop.domain.yaml_files import LocatedData
 
 MOST_TOLD = 5
 _KIND_WORDS = {
@@ -246,3 +255,18 @@ def quoted(value: Any) -> str:
         return "true" if value else "false"
     text = re.sub(r"//[^/@\s]*@", "//...@", repr(value) if isinstance(value, str) else str(value))
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# Migration of files of older versions, one version at a time.
+
+# Converts data of one version to the next. A released migration never changes.
+Migration = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+def migrated(data: dict[str, Any], migrations: Mapping[int, Migration], *, version: int, newest: int) -> dict[str, Any]:
+    """Copy of ``data`` migrated from ``version`` to ``newest``."""
+    raised = dict(data)
+    for step in range(version, newest):
+        raised = migrations[step](dict(raised))
+        raised["version"] = step + 1
+    return raised

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection, wait
 from typing import Any, Literal
 
-from caris_desktop.domain.process_title import title_process
+from caris_desktop.domain.process_settings import title_process
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.logs import configure_child_logging

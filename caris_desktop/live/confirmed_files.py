@@ -21,10 +21,10 @@ from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_text import printable
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
-from caris_desktop.domain.printable import printable
 from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.state import LiveState

@@ -16,6 +16,7 @@ from caris_desktop.domain.events import (
     ProblemEnd,
     RequestState,
     Severity,
+    TrialDetails,
     UtteranceChanged,
     VoiceOutput,
 )
@@ -23,7 +24,6 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery

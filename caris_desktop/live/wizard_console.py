@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 from PySide6.QtCore import SignalInstance
 
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Problem, TrialDetails
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.domain.value_class import Value

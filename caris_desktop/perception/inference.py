@@ -15,7 +15,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.person_values import LooksKind, PersonLooks
 from caris_desktop.domain.plugins import PluginError, PluginFailed
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.appearance_embedding import EmbeddingModelError

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.video_files import FILM_OPTIONS
+from caris_desktop.domain.media_checks import FILM_OPTIONS
 
 log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.picture_checks import PictureError, decoded
+from caris_desktop.domain.media_checks import PictureError, decoded
 
 TIME, CAMERA, PEOPLE, POSE, TAGS = "Creation Time", "Camera", "People", "Robot pose", "Keywords"
 """The texts that this program writes. The time is UTC, people are opaque ids, the pose is x and y in metres and the

@@ -4,13 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from caris_desktop.domain.key_path import Problem, name_of
-from caris_desktop.domain.schema_fields import value_from
+from caris_desktop.domain.schema_fields import Problem, name_of, value_from
 from caris_desktop.domain.schema_validation import problem_lines, problems, quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value, setting
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml, yaml_text
 from caris_desktop.recording.session.session_header import SessionError, reading
 
 FILE_NAME, CITATION_NAME = "study.yaml", "CITATION.cff"

@@ -18,7 +18,7 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import narrow
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 from caris_desktop.recording.session.folder_lock import hold, is_held

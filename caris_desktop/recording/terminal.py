@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TextIO
 
-from caris_desktop.domain.printable import printable
+from caris_desktop.domain.foreign_text import printable
 
 
 class ProgressLine:

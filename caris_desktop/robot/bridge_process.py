@@ -18,8 +18,8 @@ import threading
 
 from caris_desktop.domain import plugins
 from caris_desktop.domain.address import plugin_address
+from caris_desktop.domain.foreign_text import printable
 from caris_desktop.domain.plugins import PluginError
-from caris_desktop.domain.printable import printable
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot import bridge_server
 from caris_desktop.robot.bridge_security import LinkError

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.picture_checks import picture_size
+from caris_desktop.domain.media_checks import picture_size
 from caris_desktop.domain.sensing import lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value

@@ -8,7 +8,7 @@ from typing import Any
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

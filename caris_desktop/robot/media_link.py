@@ -14,11 +14,10 @@ from caris_desktop.domain import clock, link_commands
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.link_commands import PlayOnRobot
-from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted
+from caris_desktop.domain.media_checks import PictureError, decode_compressed, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraLens, OccupancyGrid
-from caris_desktop.domain.sound_clock import SoundClock
-from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
 from caris_desktop.robot.link_context import LinkContext

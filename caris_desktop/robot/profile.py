@@ -15,16 +15,13 @@ import platformdirs
 from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.control_definitions import ROS_NAME, VALUE, control_problems, mentions_value
 from caris_desktop.domain.control_effects import moves_or_releases
-from caris_desktop.domain.file_migrations import Migration, migrated
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.key_path import KeyPath, Problem, name_of
-from caris_desktop.domain.schema_fields import ValueForm, data_of, replaced, value_from
-from caris_desktop.domain.schema_validation import did_you_mean, problem_lines, problems
+from caris_desktop.domain.schema_fields import KeyPath, Problem, ValueForm, data_of, name_of, replaced, value_from
+from caris_desktop.domain.schema_validation import Migration, did_you_mean, migrated, problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
-from caris_desktop.domain.yaml_writing import dumped
+from caris_desktop.domain.yaml_files import YamlSourceError, dumped, parse_yaml
 from caris_desktop.robot.profile_model import (
     DEFAULT_ADDRESS,
     PROFILE_VERSION,

@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.domain.address import plugin_address
-from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
-from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel, CameraModelKeys, Offset, PoseKeys, Radians
 from caris_desktop.domain.control_definitions import (
     CONTROL,
     CallService,

@@ -17,7 +17,7 @@ import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 
 MAX_MESSAGE_BYTES = 128 * 1024 * 1024
 MAX_DEPTH = 60

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value

@@ -10,8 +10,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import form_of, keys_of, parts_of, value_from
+from caris_desktop.domain.schema_fields import KeyPath, form_of, keys_of, parts_of, value_from
 from caris_desktop.domain.schema_paths import (
     ABSENT,
     Difference,
@@ -27,8 +26,7 @@ from caris_desktop.domain.schema_paths import (
     without_at,
 )
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import LocatedData, YamlSourceError, parse_yaml, yaml_text
 from caris_desktop.scenario.scenario_file import migrate, mistakes
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.scenario.text_editing import edited, quick_data, with_entry_moved

@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
-from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.schema_fields import FieldSpec
+from caris_desktop.domain.schema_fields import FieldSpec, Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value, setting
 

@@ -4,8 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
-from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.schema_fields import FieldSpec
+from caris_desktop.domain.schema_fields import FieldSpec, Problem
 from caris_desktop.domain.schema_validation import allowed_words
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value, setting

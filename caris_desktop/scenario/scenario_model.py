@@ -11,15 +11,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from caris_desktop.domain.camera_keys import CameraModelKeys
-from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel, CameraModelKeys
 from caris_desktop.domain.control_definitions import CONTROL
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Permission, PromptPart, SizeClass
-from caris_desktop.domain.key_path import KeyPath, Problem
 from caris_desktop.domain.plugins import NAME_PATTERN
-from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Flattened, StoredAs, data_of, value_from
+from caris_desktop.domain.schema_fields import (
+    Excluded,
+    FieldSpec,
+    Flattened,
+    KeyPath,
+    Problem,
+    StoredAs,
+    data_of,
+    value_from,
+)
 from caris_desktop.domain.schema_validation import allowed_words, problems
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value, setting

@@ -24,9 +24,16 @@ from ruamel.yaml.scalarstring import (
 )
 from ruamel.yaml.util import load_yaml_guess_indent
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.yaml_source import LocatedData, PlainScalars, YamlSourceError, know_scalars, located
-from caris_desktop.domain.yaml_writing import dumped, yaml_text
+from caris_desktop.domain.schema_fields import KeyPath
+from caris_desktop.domain.yaml_files import (
+    LocatedData,
+    PlainScalars,
+    YamlSourceError,
+    dumped,
+    know_scalars,
+    located,
+    yaml_text,
+)
 
 Context = Literal["flow", "map", "list"]
 """What a value stands in: brackets, or lines of a group or list."""

@@ -7,7 +7,7 @@ import sys
 def main() -> int:
     """Parse the arguments and run the robot."""
     # Late: the camera process imports this module too, and needs little of it.
-    from caris_desktop.domain.process_title import title_process
+    from caris_desktop.domain.process_settings import title_process
     from caris_desktop.simulator.simulate_command import add_arguments, run
 
     title_process("simulate")

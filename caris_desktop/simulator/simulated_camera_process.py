@@ -63,7 +63,7 @@ def _draw_forever(pipe: Connection) -> None:
 
     import cv2
 
-    from caris_desktop.domain.process_title import title_process
+    from caris_desktop.domain.process_settings import title_process
     from caris_desktop.simulator.picture import Painter
 
     title_process("simulated camera")

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.picture_checks import PictureError, decoded
+from caris_desktop.domain.media_checks import PictureError, decoded
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import parse_yaml
+from caris_desktop.domain.yaml_files import parse_yaml
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M, MAP_SIZE_M
 
 RESOLUTION_M = 0.05

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import platformdirs
 
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import narrow, replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)

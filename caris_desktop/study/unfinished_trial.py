@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.value_class import Value
 

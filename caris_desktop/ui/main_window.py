@@ -16,8 +16,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
-from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
-from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
+from caris_desktop.scenario.scenario_file import ScenarioChoice, ScenarioError, list_scenarios, load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario, panels_in
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessibility import Announcements, install_accessible_roles

@@ -11,11 +11,11 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QGridLayout, QPlainTextEdit, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.foreign_text import printable
 from caris_desktop.domain.intents import SameName
-from caris_desktop.domain.printable import printable
 from caris_desktop.domain.schema_paths import differences
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml
 from caris_desktop.live.confirmed_files import KIND_TITLES, FileQuestion, FileReference
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import NAME, SUFFIX, ImportQuestion, NameConflict, bundle_name

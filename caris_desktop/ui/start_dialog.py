@@ -7,8 +7,8 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QFormLayout, QLineEdit, QWidget
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole

@@ -7,9 +7,8 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import Marked, RecordingPaused
+from caris_desktop.domain.events import Marked, RecordingPaused, TrialDetails
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole

@@ -9,9 +9,9 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens

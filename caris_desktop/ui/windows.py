@@ -13,10 +13,9 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.events import GoalChanged, TrialDetails
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
@@ -30,7 +29,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter

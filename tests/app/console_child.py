@@ -20,11 +20,10 @@ from PySide6.QtWidgets import QApplication, QWidget
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import ConsoleRun, default_arguments, end_on_request
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
+from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem, TrialDetails
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, PersonPlace
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
 from tests.support.console_process import without_models

@@ -21,9 +21,9 @@ from caris_desktop.app import composition
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import clock, events, intents
 from caris_desktop.domain.actor import CONSOLE, MODEL, WIZARD
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
 from caris_desktop.domain.intents import INTENTS, Intent
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.practice_service import PracticeAdapters

@@ -14,10 +14,9 @@ from caris_desktop.app import composition
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, MODEL, SCRIPT, WIZARD, Actor
-from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
+from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, TrialDetails, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant_service import AssistantService

@@ -16,8 +16,7 @@ import pytest
 
 from caris_desktop.app import command_table, composition
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.printable import printable
+from caris_desktop.domain.foreign_text import parse_json, printable
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, scenario_references
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.events_file import CHUNK, CHUNK_BODY, record

@@ -17,10 +17,9 @@ from caris_desktop.app import composition
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import CONSOLE, MODEL, SCRIPT, WIZARD
 from caris_desktop.domain.control_definitions import CallService, RobotControl
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Problem, TrialDetails
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.console import Console
 from caris_desktop.live.gate import Gate
 from caris_desktop.live.state import LiveState

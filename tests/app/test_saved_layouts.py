@@ -12,8 +12,7 @@ from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import PracticeStatus
-from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_library import user_scenarios_dir
+from caris_desktop.scenario.scenario_file import load_scenario, user_scenarios_dir
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Scenario, SplitNode, layout_text, panels_in
 
 ARRANGED: LayoutNode = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("speak")), (0.7, 0.3))

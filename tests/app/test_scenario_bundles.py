@@ -14,8 +14,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.robot.profile import load_profile, save_profile, user_robots_dir
 from caris_desktop.scenario.bundle import read_bundle, write_bundle
-from caris_desktop.scenario.scenario_file import load_scenario, save_scenario
-from caris_desktop.scenario.scenario_library import list_scenarios, user_scenarios_dir
+from caris_desktop.scenario.scenario_file import list_scenarios, load_scenario, save_scenario, user_scenarios_dir
 
 
 @pytest.fixture(autouse=True)

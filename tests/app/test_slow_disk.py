@@ -12,11 +12,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import Marked, PlacesChanged, Problem, ScenarioOpened
+from caris_desktop.domain.events import Marked, PlacesChanged, Problem, ScenarioOpened, TrialDetails
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import Drive, Release, RenewLease
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot_service import RobotConnection

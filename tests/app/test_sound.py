@@ -14,8 +14,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app import composition
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails, UtteranceChanged
 from caris_desktop.live.console import Console
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.scenario.scenario_model import Permissions

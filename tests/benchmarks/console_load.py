@@ -18,7 +18,7 @@ from PySide6.QtGui import QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.scenario.scenario_model import BuiltInPanel, PanelLeaf, PanelName
 from caris_desktop.ui.widgets.frame_view import FrameView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad

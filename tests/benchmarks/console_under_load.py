@@ -21,8 +21,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import LlmExchange
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import LlmExchange, TrialDetails
 from caris_desktop.live.console import Console
 
 _NOBODY_THERE = "ws://127.0.0.1:9"

@@ -22,7 +22,7 @@ from caris_desktop.domain.translation import (
     tr,
     use_translator,
 )
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import yaml_text
 from caris_desktop.live.service import localize_problem
 from caris_desktop.ui.window_appearance import in_trial_language
 

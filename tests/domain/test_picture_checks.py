@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted, fitting_size
+from caris_desktop.domain.media_checks import PictureError, decode_compressed, fitted, fitting_size
 from caris_desktop.domain.sensing import DepthGrid
 
 

@@ -8,19 +8,19 @@ from typing import Annotated, Any, Literal
 import jsonschema
 import pytest
 
-from caris_desktop.domain.key_path import KeyPath, Problem
-from caris_desktop.domain.schema_docs import reference, with_tables
 from caris_desktop.domain.schema_fields import (
     Excluded,
     FieldSpec,
     Flattened,
+    KeyPath,
+    Problem,
     StoredAs,
     ValueForm,
     data_of,
     replaced,
     value_from,
 )
-from caris_desktop.domain.schema_json import file_schema
+from caris_desktop.domain.schema_json import file_schema, reference, with_tables
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.value_class import setting
 

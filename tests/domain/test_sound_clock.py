@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from caris_desktop.domain.sound_clock import SoundClock
+from caris_desktop.domain.sound_values import SoundClock
 
 _MS = 1_000_000
 PIECE_NS = 50 * _MS

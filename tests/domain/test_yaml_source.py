@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caris_desktop.domain.yaml_source import YamlSourceError, know_scalars, parse_yaml
+from caris_desktop.domain.yaml_files import YamlSourceError, know_scalars, parse_yaml
 from tests.support.examples import examples
 
 

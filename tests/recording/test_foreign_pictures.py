@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, decode_compressed, decoded
-from caris_desktop.domain.video_files import FILM_OPTIONS
+from caris_desktop.domain.media_checks import FILM_OPTIONS, PictureError, decode_compressed, decoded
 from caris_desktop.perception.backends import remote_detector
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.recording.exporters import html

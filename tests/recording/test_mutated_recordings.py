@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, decode_compressed, decoded
+from caris_desktop.domain.media_checks import PictureError, decode_compressed, decoded
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag

@@ -10,7 +10,7 @@ import pytest
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Response
 
-from caris_desktop.domain.picture_checks import picture_size
+from caris_desktop.domain.media_checks import picture_size
 from caris_desktop.domain.translation import LocalizedText
 from caris_desktop.robot.discovery import (
     _DESCRIPTIONS,

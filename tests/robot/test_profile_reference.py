@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.control_definitions import RobotControl
-from caris_desktop.domain.schema_docs import with_tables
 from caris_desktop.domain.schema_fields import Group, keys_of
+from caris_desktop.domain.schema_json import with_tables
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.yaml_source import parse_yaml
+from caris_desktop.domain.yaml_files import parse_yaml
 from caris_desktop.robot.profile_model import ProfileFile, RobotProfile
 from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator

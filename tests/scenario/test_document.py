@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import ValueForm
+from caris_desktop.domain.schema_fields import KeyPath, ValueForm
 from caris_desktop.domain.schema_paths import ABSENT, differences, value_at
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_model import Scenario

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.scenario_file import ScenarioError
-from caris_desktop.scenario.scenario_library import find_scenario, list_scenarios, own_file_called, title_of
+from caris_desktop.scenario.scenario_file import ScenarioError, find_scenario, list_scenarios, own_file_called, title_of
 
 
 def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:

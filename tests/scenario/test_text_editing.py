@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
-from caris_desktop.domain.yaml_source import parse_yaml
+from caris_desktop.domain.yaml_files import parse_yaml
 from caris_desktop.scenario.scenario_file import (
     OtherFileError,
     ScenarioError,

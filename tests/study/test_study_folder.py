@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.study.study_folder import (
     StudyFolder,
     StudyFolderError,

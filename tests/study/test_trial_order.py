@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.study.study_folder import following, with_recording_number
 
 FIRST = TrialDetails("Lab tours", "P07", "B", "3", "W2")

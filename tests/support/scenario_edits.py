@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import pytest
 import yaml
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import ValueForm, form_of, is_group, keys_of
+from caris_desktop.domain.schema_fields import KeyPath, ValueForm, form_of, is_group, keys_of
 from caris_desktop.domain.schema_paths import ABSENT, blank_of, default_of, value_at
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.scenario.scenario_model import Scenario

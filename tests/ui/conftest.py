@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.scenario.scenario_library import ScenarioChoice
+from caris_desktop.scenario.scenario_file import ScenarioChoice
 from caris_desktop.scenario.scenario_model import Scenario, panels_in
 from caris_desktop.ui.dock_layout import without
 from caris_desktop.ui.main_window import MainWindow

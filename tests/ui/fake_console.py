@@ -37,6 +37,7 @@ from caris_desktop.domain.events import (
     Problem,
     RecordingPaused,
     StopRequested,
+    TrialDetails,
     UtteranceChanged,
     UtteranceCorrected,
     UtteranceOrigin,
@@ -47,7 +48,6 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.sound_values import Role, TalkTo
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.services.alarms_service import AlarmsService
 from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.state import LiveState, LiveValue

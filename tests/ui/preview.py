@@ -13,10 +13,9 @@ from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.domain.events import Problem
+from caris_desktop.domain.events import Problem, TrialDetails
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario

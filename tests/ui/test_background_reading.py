@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.scenario.scenario_library import ScenarioChoice
+from caris_desktop.scenario.scenario_file import ScenarioChoice
 from caris_desktop.ui.background_reading import Remembered
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples

@@ -10,8 +10,8 @@ import pytest
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme

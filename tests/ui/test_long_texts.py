@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication, QWidget
 
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import PerceptionStatus, RecordingStatus
 from caris_desktop.scenario.scenario_model import Place, RecordingSettings
 from caris_desktop.ui.main_window import MainWindow

@@ -61,7 +61,7 @@ def test_editors_and_console_check_files_alike_but_apart() -> None:
     reads_both = (
         "import caris_desktop.app.composition, caris_desktop.ui.main_window\n"
         "from caris_desktop.robot.profile import list_profiles\n"
-        "from caris_desktop.scenario.scenario_library import list_scenarios\n"
+        "from caris_desktop.scenario.scenario_file import list_scenarios\n"
         "assert len(list_profiles()) > 5 and len(list_scenarios()) > 1"
     )
     assert imported(reads_both, ["jsonschema", "referencing", "rpds"]) == []

@@ -23,11 +23,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
+from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, TrialDetails, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
 from caris_desktop.domain.translation import localized, tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,

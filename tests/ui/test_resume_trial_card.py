@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication, QLabel
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.live.status import CrashRecoveryStatus, LevelsStatus, RecordingStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel

@@ -13,9 +13,8 @@ from PySide6.QtWidgets import QApplication, QComboBox, QFileDialog, QLabel, QLin
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
+from caris_desktop.domain.events import Marked, StopRequested, TrialDetails, UtteranceChanged
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.services.load_shedding_service import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording

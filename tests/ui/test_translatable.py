@@ -13,7 +13,7 @@ from typing import TypeGuard, cast
 
 import pytest
 
-from caris_desktop.domain.schema_labels import texts_of
+from caris_desktop.domain.schema_paths import texts_of
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.support import untranslated
 from tests.support.parsed_sources import parse_all, parsed

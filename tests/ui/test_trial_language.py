@@ -8,9 +8,9 @@ from typing import get_args
 import pytest
 from PySide6.QtWidgets import QApplication, QDialog, QLabel, QMenu, QWidget
 
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.people.presence import is_unnamed_label

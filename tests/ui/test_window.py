@@ -17,11 +17,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.control_definitions import CallService, RobotControl
-from caris_desktop.domain.events import Problem, ProblemEnd, TrafficMeasured
+from caris_desktop.domain.events import Problem, ProblemEnd, TrafficMeasured, TrialDetails
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import (
     AssistantSetup,
     AssistantStatus,

@@ -8,7 +8,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit, QMenu
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import TrialDetails
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.preferences import WizardProfiles

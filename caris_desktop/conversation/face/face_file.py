@@ -9,14 +9,12 @@ import platformdirs
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.schema_fields import Excluded, FieldSpec, data_of, value_from
+from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Problem, data_of, value_from
 from caris_desktop.domain.schema_validation import problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml, yaml_text
 
 MAX_FILE_BYTES = 64 * 1024
 DEFAULT_FACE = "calm"

@@ -22,7 +22,7 @@ from websockets.http11 import Request, Response
 
 from caris_desktop.conversation.face.drawing import Drawing
 from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited, quiet_handshakes
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import Value
 

@@ -45,7 +45,7 @@ from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum
 from caris_desktop.domain.plugins import PluginError, switched_off
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

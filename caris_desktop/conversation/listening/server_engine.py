@@ -22,7 +22,7 @@ from caris_desktop.conversation.models.endpoint import LanguageModelError, Model
 from caris_desktop.conversation.models.failures import error_in
 from caris_desktop.conversation.models.question import object_in, small_body
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 KEY_NAME = "CARIS_TRANSCRIPTION_KEY"

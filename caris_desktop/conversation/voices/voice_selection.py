@@ -24,7 +24,7 @@ from caris_desktop.conversation import speech_plugins
 from caris_desktop.conversation.speech_plugins import PLUGIN, checked_rate, open_speech
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop, Voice, words_of
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.model_files import (
     WrongChecksum,
     check_file,

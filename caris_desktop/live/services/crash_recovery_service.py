@@ -8,10 +8,9 @@ from typing import TypeVar, get_args
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
+from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialDetails, TrialResumed
 from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext

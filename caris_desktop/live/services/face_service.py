@@ -24,8 +24,8 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
 from caris_desktop.domain.failure import RefusedError, UserFacingError
+from caris_desktop.domain.media_checks import jpeg_of
 from caris_desktop.domain.person_marks import with_names
-from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined

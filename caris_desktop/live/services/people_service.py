@@ -30,7 +30,7 @@ from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.process_priority import RECORD_NICENESS
+from caris_desktop.domain.process_settings import RECORD_NICENESS
 from caris_desktop.domain.sensing import (
     CameraLens,
     DepthGrid,

@@ -19,12 +19,12 @@ from caris_desktop.domain.events import (
     PracticeEnded,
     PracticeStepEnded,
     SuggestionChanged,
+    TrialDetails,
     UtteranceChanged,
 )
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext

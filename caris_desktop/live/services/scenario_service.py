@@ -20,8 +20,7 @@ from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
 from caris_desktop.live.service import ContextService, Handlers, ServiceContext
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
-from caris_desktop.scenario.scenario_file import OtherFileError
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_file import OtherFileError, own_file
 from caris_desktop.scenario.scenario_model import Place, Scenario
 
 _POLL_EVERY_S = 0.25

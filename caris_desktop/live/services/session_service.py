@@ -11,11 +11,18 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import plugin_address
-from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, Marked, PersonAppeared
+from caris_desktop.domain.events import (
+    EmergencyStopChanged,
+    Event,
+    GoalChanged,
+    LinkChanged,
+    Marked,
+    PersonAppeared,
+    TrialDetails,
+)
 from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.plugins import PluginError, PluginGroup, find, installed
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.service import ContextService, Follows, Handlers, Service, ServiceContext
 from caris_desktop.live.services.assistant_service import AssistantService

@@ -27,9 +27,9 @@ from websockets.sync.client import ClientConnection, connect
 
 from caris_desktop.domain.address import is_loopback, is_same_server, without_credentials
 from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
-from caris_desktop.domain.picture_checks import PictureError, decoded
+from caris_desktop.domain.media_checks import PictureError, decoded
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.detector import Detections, Detector, DetectorAwayError
 

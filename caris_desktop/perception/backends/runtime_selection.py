@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file
 from caris_desktop.domain.plugins import PluginCall, find
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

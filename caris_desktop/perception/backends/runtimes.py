@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.model_files import onnx_options
 from caris_desktop.domain.onnx_graph import cut_graph, describe
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml
 from caris_desktop.perception.backends.network import (
     BINS,
     ModelFacts,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.picture_checks import PictureError, fitted
+from caris_desktop.domain.media_checks import PictureError, fitted
 from caris_desktop.domain.plugins import find, load
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited
-from caris_desktop.domain.picture_checks import PictureError, fitted, jpeg_of
+from caris_desktop.domain.media_checks import PictureError, fitted, jpeg_of
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, ChosenCamera
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.domain.picture_checks import fitted
+from caris_desktop.domain.media_checks import fitted
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     DEVICE_FPS,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import is_encrypted_or_local
 from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
-from caris_desktop.domain.picture_checks import decode_compressed, picture_size
+from caris_desktop.domain.media_checks import decode_compressed, picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,

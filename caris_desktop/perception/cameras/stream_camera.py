@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.picture_checks import PictureError, check_size, fitting_size
+from caris_desktop.domain.media_checks import PictureError, check_size, fitting_size
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.sound_clock import SoundClock
+from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.sound_values import SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     SILENCE_S,

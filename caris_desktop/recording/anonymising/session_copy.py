@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from caris_desktop import __version__
 from caris_desktop.domain.events import ConsentNoted, PhotoTaken, RobotChosen, ScenarioOpened
 from caris_desktop.domain.file_replacement import narrow
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.sensing import People, StatusShown

@@ -17,9 +17,9 @@ from pathlib import Path
 from urllib.parse import quote
 from xml.etree import ElementTree
 
+from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.annotation.annotation_editing import merge_documents, plain_text
 from caris_desktop.recording.annotation.annotation_import import PROPERTY
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names

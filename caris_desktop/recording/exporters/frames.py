@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.picture_checks import jpeg_of
+from caris_desktop.domain.media_checks import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import CsvStyle

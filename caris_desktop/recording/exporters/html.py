@@ -22,7 +22,7 @@ from caris_desktop.domain.events import (
     RobotChosen,
     ScenarioOpened,
 )
-from caris_desktop.domain.picture_checks import decoded, jpeg_of
+from caris_desktop.domain.media_checks import decoded, jpeg_of
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError

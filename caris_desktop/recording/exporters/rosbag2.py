@@ -21,7 +21,7 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
 from caris_desktop.domain.foxglove import BASE, MAP, optical_frame
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.picture_checks import jpeg_of
+from caris_desktop.domain.media_checks import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,

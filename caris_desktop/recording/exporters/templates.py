@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from caris_desktop.domain.actor import in_words
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value

@@ -23,7 +23,7 @@ from typing import IO, Any, NamedTuple, Protocol
 from urllib.parse import quote
 
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.domain.yaml_source import parse_yaml
+from caris_desktop.domain.yaml_files import parse_yaml
 from caris_desktop.recording.session.session_header import is_session
 
 _log = logging.getLogger(__name__)

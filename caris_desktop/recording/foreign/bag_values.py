@@ -22,7 +22,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D, moved_by
-from caris_desktop.domain.picture_checks import PictureError, decoded
+from caris_desktop.domain.media_checks import PictureError, decoded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import (
     AudioBlock,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.forgetting.text_erasure import PersonNames, Sentences
 from caris_desktop.recording.session.manifest import digest_of

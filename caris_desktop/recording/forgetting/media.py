@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import no_room
-from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.picture_checks import PictureError, decoded
+from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.media_checks import FILM_OPTIONS, PictureError, decoded
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, ROBOT_VOICE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.erasure_files import Journal
 from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area, PersonTracks, messages_of

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting import media, text_erasure

@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile

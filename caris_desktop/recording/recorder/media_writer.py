@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.process_priority import RECORD_NICENESS
+from caris_desktop.domain.process_settings import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value

@@ -8,9 +8,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.media_files import (
     NO_ROBOT_STAMP,
     UNKNOWN,

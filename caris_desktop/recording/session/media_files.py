@@ -15,10 +15,10 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.session_header import SessionClock, VideoInfo
 
 _NAME = re.compile(r"(?P<first>.*?)(-\d+)?\.mp4")

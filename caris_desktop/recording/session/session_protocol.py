@@ -20,7 +20,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml
 
 _log = logging.getLogger(__name__)
 _MAX_CHARACTERS = 256 * 1024

@@ -14,7 +14,7 @@ from caris_desktop.domain.events import (
     PersonRejected,
     PersonSplit,
 )
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_reader import Session
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.data_dictionary import measure_rows

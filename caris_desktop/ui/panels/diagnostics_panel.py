@@ -18,7 +18,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSizePolicy, QTabl
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
-from caris_desktop.domain.process_title import title_of
+from caris_desktop.domain.process_settings import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.child_process import Health

@@ -20,9 +20,8 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.conversation.face.face_file import face_names
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.plugins import installed
-from caris_desktop.domain.schema_fields import Known
+from caris_desktop.domain.schema_fields import KeyPath, Known
 from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
@@ -30,7 +29,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import list_profiles
 from caris_desktop.scenario.document import Step
 from caris_desktop.scenario.phrases import LOOK, NOD
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin

@@ -11,23 +11,37 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QSizePolicy, QWidget
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.key_path import KeyPath, name_of
-from caris_desktop.domain.schema_fields import Group, Key, Known, ValueForm, is_group, keys_of, plain_number
-from caris_desktop.domain.schema_labels import (
+from caris_desktop.domain.schema_fields import (
+    Group,
+    Key,
+    KeyPath,
+    Known,
+    ValueForm,
+    is_group,
+    keys_of,
+    name_of,
+    plain_number,
+)
+from caris_desktop.domain.schema_paths import (
+    ABSENT,
     allowed_by,
+    blank_group,
+    blank_of,
+    default_of,
+    entry_name,
     noun_of,
     said_of,
     section_of,
+    text_key,
     title_of,
     unit_of,
+    value_at,
     word_of,
     words_of,
 )
-from caris_desktop.domain.schema_paths import ABSENT, blank_group, blank_of, default_of, entry_name, text_key, value_at
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import parse_yaml
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import parse_yaml, yaml_text
 from caris_desktop.scenario.document import Mistake
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_rows import ACTIONS

@@ -20,13 +20,11 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QFrame, QLabel, QPlainTextEdit, QScrollArea, QSplitter, QTextEdit, QVBoxLayout, QWidget
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import Key, keys_of
-from caris_desktop.domain.schema_labels import title_of
-from caris_desktop.domain.schema_paths import Difference, differences, value_at
+from caris_desktop.domain.schema_fields import Key, KeyPath, keys_of
+from caris_desktop.domain.schema_paths import Difference, differences, title_of, value_at
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens

@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.schema_fields import keys_of, value_from
-from caris_desktop.domain.schema_labels import title_of
-from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name
+from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name, title_of
 from caris_desktop.domain.schema_validation import quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value

@@ -11,17 +11,15 @@ from PySide6.QtGui import QAccessible, QUndoCommand, QUndoStack
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import KeyPath
 from caris_desktop.domain.schema_paths import Difference
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError
-from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.domain.yaml_files import YamlSourceError, yaml_text
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, Step
-from caris_desktop.scenario.scenario_file import scenario_data
-from caris_desktop.scenario.scenario_library import own_file, own_file_called
+from caris_desktop.scenario.scenario_file import own_file, own_file_called, scenario_data
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.accessibility import announce

@@ -6,7 +6,7 @@ from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QAccessible, QImage, QPixmap
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
-from caris_desktop.domain.picture_checks import PictureError, checked_size
+from caris_desktop.domain.media_checks import PictureError, checked_size
 from caris_desktop.ui import layouts
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.labels import IconLabel, label

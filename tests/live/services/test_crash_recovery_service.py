@@ -12,18 +12,16 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
+from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialDetails, TrialResumed
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters, CrashRecoveryService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_library import find_scenario
+from caris_desktop.scenario.scenario_file import find_scenario, load_scenario
 from tests.support.crashed_trial import assign_to_ended_process
 from tests.support.service_context import context_of
 

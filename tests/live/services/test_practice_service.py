@@ -16,8 +16,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.practice_service import STEPS, PracticeAdapters, PracticeService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_library import find_scenario
+from caris_desktop.scenario.scenario_file import find_scenario, load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.support.service_context import context_of
 

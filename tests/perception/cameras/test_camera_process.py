@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.picture_checks import PictureError
+from caris_desktop.domain.media_checks import PictureError
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
 from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound, open_camera

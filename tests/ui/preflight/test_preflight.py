@@ -10,8 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.events import PreflightChecked
-from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.events import PreflightChecked, TrialDetails
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording

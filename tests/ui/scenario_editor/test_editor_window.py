@@ -18,8 +18,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import LinkStatus, SavedScenario
-from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_library import user_scenarios_dir
+from caris_desktop.scenario.scenario_file import load_scenario, user_scenarios_dir
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
 from caris_desktop.ui.scenario_editor.form import ListPart
 from caris_desktop.ui.scenario_editor.preview import consequences

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import ValueForm, keys_of
+from caris_desktop.domain.schema_fields import KeyPath, ValueForm, keys_of
 from caris_desktop.domain.schema_paths import ABSENT
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario

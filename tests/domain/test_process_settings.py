@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain import process_priority
+from caris_desktop.domain import process_settings
 
 _STEP_BACK = """
 import os
 from pathlib import Path
-from caris_desktop.domain.process_priority import step_back
+from caris_desktop.domain.process_settings import step_back
 step_back(7)
 autogroup = Path("/proc/self/autogroup")
 # The file of a process whose session has no group, as the first one of a system, is empty.
@@ -52,11 +52,11 @@ def test_a_session_that_was_not_heard_says_it_again(monkeypatch: pytest.MonkeyPa
     session = Deaf()
     monkeypatch.setattr(process_priority, "_SESSION", session)
     monkeypatch.setattr(process_priority, "_AGAIN_AFTER_S", 0.001)
-    assert not process_priority._say_for_session(3)
-    process_priority._say_until_heard(3)
+    assert not process_settings._say_for_session(3)
+    process_settings._say_until_heard(3)
     assert session.said == 3
 
 
 def test_a_system_without_shares_for_sessions_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(process_priority, "_SESSION", tmp_path / "absent" / "autogroup")
-    assert process_priority._say_for_session(3)
+    assert process_settings._say_for_session(3)

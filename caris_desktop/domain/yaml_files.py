@@ -1,4 +1,4 @@
-"""YAML reader with line numbers: evaluates nothing and refuses unneeded features."""
+"""YAML files: read with line numbers, evaluating nothing; written for people, with few quotation marks."""
 
 import math
 import re
@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 
@@ -162,3 +162,48 @@ def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:
     if kind == "bool" and text.lower() not in ("true", "false"):
         raise YamlSourceError(tr("{text} is neither true nor false").format(text=repr(text)), line)
     return text if kind == "str" else None if kind == "null" else text.lower() == "true"
+
+
+# YAML writer for people: keys in the given order, few quotation marks.
+
+
+class _ReadableDumper(yaml.SafeDumper):
+    """Dumper that indents list items under their key, as people do, and quotes what YAML 1.1 readers would misread."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        super().increase_indent(flow, False)
+
+
+class _PlainDumper(PlainScalars, yaml.SafeDumper):
+    """Dumper with as few quotation marks as our own reader needs: a key of robot profiles is ``on``."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _plain_text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    """Plain text, also of a translatable text."""
+    return dumper.represent_str("".join(text))
+
+
+for _dumper in (_ReadableDumper, _PlainDumper):
+    know_scalars(_dumper)
+    _dumper.add_multi_representer(str, _plain_text)
+
+
+def yaml_text(data: Any) -> str:
+    """Text of a whole file."""
+    return dumped(data, default_flow_style=False, width=110)
+
+
+def dumped(value: Any, *, default_flow_style: bool | None, width: int, plain: bool = False) -> str:
+    """Text of a part of a file; ``plain`` as robot profiles are written."""
+    text: str = yaml.dump(
+        value,
+        Dumper=_PlainDumper if plain else _ReadableDumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=default_flow_style,
+        width=width,
+    )
+    return text

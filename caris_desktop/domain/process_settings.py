@@ -1,10 +1,12 @@
-"""Process priority: background processes yield to window and links on a busy processor."""
+"""Priority and title of a process: background processes yield to window and links on a busy processor."""
 
 import os
 import sys
 import threading
 import time
 from pathlib import Path
+
+from setproctitle import setproctitle
 
 RECORD_NICENESS = 5
 """Niceness of recording processes: behind the window and the links, before mere displays."""
@@ -50,3 +52,27 @@ def _say_until_heard(niceness: int) -> None:
         time.sleep(_AGAIN_AFTER_S)
         if _say_for_session(niceness):
             return
+
+
+# Process titles for system monitors, in place of the name of Python.
+
+_DOES = {
+    "simulate": "simulated robot",
+    "control": "driving and sensors",
+    "media": "pictures and maps",
+    "inference": "people detection",
+    "recorder": "recording",
+    "language-model": "language model",
+    "camera-server": "camera server",
+    "overview": "coding overview",
+}
+
+
+def title_process(name: str) -> None:
+    """Set this process's title; ``name`` is its name in the log or its command."""
+    setproctitle(f"caris: {title_of(name)}")
+
+
+def title_of(name: str) -> str:
+    """Its purpose in a word or two."""
+    return _DOES.get(name, name)

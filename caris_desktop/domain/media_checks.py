@@ -1,4 +1,4 @@
-"""Image decoding and limits: camera frames as uint8 BGR that fit a frame ring slot, and image files.
+"""Checks of images and videos: decoding and limits of camera frames and image files, safe opening of videos.
 
 cv2 is imported with the first image, so that modules that only refer to images start fast.
 """
@@ -142,3 +142,15 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
             return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
         at += 2 + length
     return None
+
+
+# Safe opening of foreign video files: no references to other files.
+
+FILM_OPTIONS = {
+    # A playlist, which looks like a film to ffmpeg, names other files and addresses.
+    "protocol_whitelist": "file",
+    "format_whitelist": (
+        "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,h264,hevc,m4v,mjpeg,ivf,mxf,gif"
+    ),
+}
+"""Options of ``av.open`` for reading."""

@@ -1,5 +1,6 @@
-"""Foreign text made safe for a terminal or question: invisible and control characters are escaped."""
+"""Text and JSON of others: characters made safe for a terminal or question, and a strict parser."""
 
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -31,3 +32,14 @@ class PrintableStream:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.plain, name)
+
+
+# Parser for JSON from other sources.
+
+
+def parse_json(text: str | bytes | bytearray) -> Any:
+    """``json.loads`` that raises ValueError for too deeply nested text as well."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
