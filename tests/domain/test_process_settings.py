@@ -50,13 +50,13 @@ def test_a_session_that_was_not_heard_says_it_again(monkeypatch: pytest.MonkeyPa
                 raise BlockingIOError("Resource temporarily unavailable")
 
     session = Deaf()
-    monkeypatch.setattr(process_priority, "_SESSION", session)
-    monkeypatch.setattr(process_priority, "_AGAIN_AFTER_S", 0.001)
+    monkeypatch.setattr(process_settings, "_SESSION", session)
+    monkeypatch.setattr(process_settings, "_AGAIN_AFTER_S", 0.001)
     assert not process_settings._say_for_session(3)
     process_settings._say_until_heard(3)
     assert session.said == 3
 
 
 def test_a_system_without_shares_for_sessions_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(process_priority, "_SESSION", tmp_path / "absent" / "autogroup")
+    monkeypatch.setattr(process_settings, "_SESSION", tmp_path / "absent" / "autogroup")
     assert process_settings._say_for_session(3)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtGui import QCursor
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -43,6 +44,7 @@ def opened(qtbot: QtBot, theme: Theme) -> Open:
     def open_scenario(name: str) -> tuple[MainWindow, FakeConsole]:
         console = FakeConsole(load_scenario(layouts_dir() / f"{name}.yaml"))
         console.state.close()
+        QCursor.setPos(0, 0)  # over no panel, wherever another test left it
         console.state.link.set(LinkStatus("connected", "Simulated robot"))
         console.state.robot.set(load_profile("simulated"))
         window = MainWindow(console, theme=theme)

@@ -492,6 +492,8 @@ class MapPanel(Panel):
         self._description.changed()
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
+            case "fresh" if state.scan.age_known:
+                text, role = "", "dim"  # an age is shown where it is bad
             case "fresh":
                 text, role = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan)), "dim"
             case "stale" | "lost" if state.scan.arrives_late:
@@ -511,7 +513,7 @@ class MapPanel(Panel):
             if goal.distance_left_m is not None:
                 text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
         elif self.view.follow:
-            text = " · ".join((text, tr("following robot")))
+            text = " · ".join(filter(None, (text, tr("following robot"))))
         elif state.mapping.value.mapping:
-            text = " · ".join((text, tr("mapping")))
+            text = " · ".join(filter(None, (text, tr("mapping"))))
         self.set_fact(text, role)
