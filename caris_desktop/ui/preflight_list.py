@@ -43,7 +43,7 @@ class PreflightList(QScrollArea):
         self._console = console
         self._inner = QWidget()
         self._column = layouts.vbox(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
-        self._by_hand = self._heading(tr("For you to check"))
+        self._by_hand = self._heading(tr("Check yourself"))
         self._by_itself = self._heading(tr("Checked by the console"))
         self._column.addStretch(1)
         self.setWidget(self._inner)

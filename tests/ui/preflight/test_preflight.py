@@ -128,7 +128,7 @@ def test_the_microphone_is_tried_from_the_list(qtbot: QtBot, card: PreflightCard
 def test_another_scenario_has_other_rows(card: PreflightCard, console: FakeConsole) -> None:
     console.state.preflight.set((ROBOT,))
     assert list(card.list.rows) == ["robot"]
-    assert "For you to check" not in texts(card)
+    assert "Check yourself" not in texts(card)
 
 
 def test_a_replay_shows_the_recorded_checks_and_changes_nothing(
