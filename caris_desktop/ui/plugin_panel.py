@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import SCRIPT
 from caris_desktop.domain.plugins import Plugin, PluginError, find, load, switched_off, watched
-from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS
+from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS, STREAMS
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.service import localize_problem
 from caris_desktop.scenario.scenario_model import Scenario
@@ -29,7 +29,6 @@ REQUESTS: tuple[type[intents.Intent], ...] = (
     intents.TakePhoto, intents.Stop, intents.EmergencyStop, intents.CancelGoal,
 )  # fmt: skip
 """What a panel of a plug-in may request: nothing that moves the robot, or changes scenario, robot or people."""
-_STREAM_TYPES = {spec.value_type for spec in STATE_STREAMS}
 
 
 class PanelConsole(Protocol):
@@ -78,6 +77,7 @@ class PluginPanel(Panel):
         self._content: QWidget | None = None
         self._plugin = Plugin(name, "panels", "", "", "")
         self._following: list[tuple[Any, Callable[[Any], None]]] = []
+        self.state.event_happened.connect(self._pass_on)
         self.show_title(name.replace("_", " ").replace("-", " ").capitalize())
         with self._switched_off_if_it_fails(MAX_CREATION_S):
             self._plugin = find("panels", name)
@@ -93,15 +93,12 @@ class PluginPanel(Panel):
         return self._scenario
 
     def follow(self, kind: type[T], show: Callable[[T], None]) -> None:
-        if kind not in BY_TYPE:
+        spec = BY_TYPE.get(kind)
+        if spec not in STREAMS:
             raise ValueError(f"{kind.__name__} is no stream and no event")
+        if spec in STATE_STREAMS and kind not in dict(self._following):
+            self.state.stream(spec.name).changed.connect(self._on_value)
         self._following.append((kind, show))
-        if kind not in _STREAM_TYPES:
-            self.state.event_happened.connect(lambda event: self._show(kind, show, event))
-        else:
-            self.state.stream(BY_TYPE[kind].name).changed.connect(
-                lambda value: self._show(kind, show, value) if self.in_view else None
-            )
 
     def request(self, intent: intents.Intent) -> str:
         if not isinstance(intent, REQUESTS):
@@ -109,12 +106,22 @@ class PluginPanel(Panel):
         return self.console.do(replace(intent, actor=SCRIPT))
 
     def update_view(self) -> None:
-        for kind, show in self._following:
-            if kind in _STREAM_TYPES and (value := self.state.stream(BY_TYPE[kind].name).value) is not None:
+        for kind, show in tuple(self._following):
+            spec = BY_TYPE[kind]
+            if spec in STATE_STREAMS and (value := self.state.stream(spec.name).value) is not None:
                 self._show(kind, show, value)
 
     def focus_target(self) -> QWidget:
         return self._content or self
+
+    # Bound slots, which Qt disconnects from a deleted panel; it does not know that of a function.
+    def _on_value(self, value: object) -> None:
+        if self.in_view:
+            self._pass_on(value)
+
+    def _pass_on(self, value: object) -> None:
+        for kind, show in tuple(self._following):
+            self._show(kind, show, value)
 
     def _show(self, kind: type[Any], show: Callable[[Any], None], value: object) -> None:
         if isinstance(value, kind) and self._content is not None:

@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
+from shiboken6 import isValid
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import SCRIPT
+from caris_desktop.domain.events import Marked
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.plugins import INTERFACES
-from caris_desktop.domain.sensing import Odometry
+from caris_desktop.domain.sensing import AudioChunk, Odometry
 from caris_desktop.live.confirmed_files import scenario_references
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
 from caris_desktop.scenario.scenario_model import PanelLeaf, SplitNode
@@ -33,6 +35,7 @@ SCENARIO = replace(
 )  # fmt: skip
 SOURCE = """
     from PySide6.QtWidgets import QLabel
+    from caris_desktop.domain.events import Marked
     from caris_desktop.domain.sensing import Odometry
 
     class Plugin(QLabel):
@@ -42,6 +45,7 @@ SOURCE = """
             super().__init__("no speed", objectName="speedometer")
             self.console = console
             console.follow(Odometry, self.show_speed)
+            console.follow(Marked, lambda mark: self.setText(mark.label))
             {creation}
 
         def show_speed(self, odometry):
@@ -102,6 +106,25 @@ def test_it_shows_the_streams_that_it_follows(console: FakeConsole, opened: Open
     assert content.text() == "0.5 m/s"
     panel.set_in_view(True)
     assert content.text() == "0.1 m/s"
+
+
+def test_a_former_panel_is_told_no_more(qtbot: QtBot, console: FakeConsole, opened: Opened) -> None:
+    window, former = opened()
+    window.show_scenario(replace(SCENARIO, title="Changed"))
+    panel = window.panels["plugin:speedometer"]
+    qtbot.waitUntil(lambda: panel is not former and not isValid(former))
+    content = panel.findChild(QLabel, "speedometer")
+    console.state.odometry.update_value(odometry(0.7))
+    assert content.text() == "0.7 m/s"
+    console.state.event_happened.emit(Marked(clock.now_ns(), "odd", mark_id="m1"))
+    assert content.text() == "odd"
+    assert console.state.alarms.value == ()
+
+
+def test_sound_cannot_be_followed(opened: Opened) -> None:
+    _window, panel = opened()
+    with pytest.raises(ValueError, match="AudioChunk is no stream and no event"):
+        panel.follow(AudioChunk, print)
 
 
 def test_it_requests_as_a_script_and_moves_nothing(
