@@ -39,6 +39,7 @@ from caris_desktop.robot.robot_checks import (
     probed,
     rosapi_reply,
     services_of,
+    settled_inventory,
 )
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros import message_conversion
@@ -169,7 +170,7 @@ async def explore_robot(
 
 async def list_offer(ros: RosbridgeClient) -> RobotOffer:
     """Query rosapi for the input of a proposal. Raises ServiceCallError."""
-    inventory, (dialect, distribution) = await asyncio.gather(list_inventory(ros), _ros_version(ros))
+    inventory, (dialect, distribution) = await asyncio.gather(settled_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
     services = dict.fromkeys(sorted(inventory.services), "")
     # In ROS 1 each query of a service type connects to its node, so they are limited.
@@ -225,7 +226,7 @@ async def check_streams(
         inventory: RobotInventory | None = None
         try:
             async with asyncio.timeout(_INVENTORY_WITHIN_S):
-                inventory = await list_inventory(ros)
+                inventory = await settled_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
             reason = localized(

@@ -23,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 _GOODBYE_S = 0.3
 _LISTENED_S = 2.0
+_SETTLED_S, _SETTLED_TRIES = 0.4, 6
 _GET_PARAMETERS = "/rosbridge_websocket/get_parameters"
 _QUEUE_PARAMETERS = ("send_action_goals_in_new_thread", "call_services_in_new_thread")
 _LEAST_PICTURES_HZ = 3.0
@@ -96,6 +97,21 @@ async def list_inventory(ros: RosbridgeClient) -> RobotInventory:
         frozenset(absolute_name(name) for name in _texts(services.get("services"))),
         actions,
     )
+
+
+async def settled_inventory(ros: RosbridgeClient) -> RobotInventory:
+    """Query rosapi until two answers agree: in ROS 2, a bridge that has just started finds the nodes one by one.
+
+    Raises ServiceCallError like :func:`list_inventory`.
+    """
+    inventory = await list_inventory(ros)
+    for _ in range(_SETTLED_TRIES):
+        before = inventory
+        await asyncio.sleep(_SETTLED_S)
+        inventory = await list_inventory(ros)
+        if inventory == before:
+            break
+    return inventory
 
 
 def rosapi_reply(error: Exception) -> str:
@@ -405,7 +421,7 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
             return [f"No response from {without_credentials(address)} within {timeout_s:g} s."]
         try:
             async with asyncio.timeout(timeout_s):
-                return missing_from(profile, await list_inventory(ros))
+                return missing_from(profile, await settled_inventory(ros))
         except (TimeoutError, ServiceCallError) as error:
             silent = await _silent_streams(ros, profile)
             if silent:

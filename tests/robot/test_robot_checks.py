@@ -3,10 +3,11 @@
 import asyncio
 import json
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
+from caris_desktop.robot import robot_checks
 from caris_desktop.robot.discovery import ExploreError, check_streams, explore_robot
 from caris_desktop.robot.profile import load_profile, parse_profile, shipped_profiles
 from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, TopicSource
@@ -18,6 +19,7 @@ from caris_desktop.robot.robot_checks import (
     named_in,
     queue_advice,
     services_of,
+    settled_inventory,
 )
 from caris_desktop.robot.transport import RosbridgeClient, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
@@ -225,3 +227,16 @@ def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: p
 
     assert asyncio.run(ask(Bridge())) == "the type is not installed"
     assert "rosbridge says: the type is not installed" in caplog.text
+
+
+def test_nodes_that_a_new_bridge_finds_one_by_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = ("/odom", "/scan", "/map")
+    counts = iter((1, 2, 3, 3))
+
+    async def names(_ros: object) -> RobotInventory:
+        return RobotInventory(dict.fromkeys(found[: next(counts)], "a/msg/B"), frozenset())
+
+    monkeypatch.setattr(robot_checks, "list_inventory", names)
+    monkeypatch.setattr(robot_checks, "_SETTLED_S", 0.0)
+    inventory = asyncio.run(settled_inventory(cast(RosbridgeClient, None)))
+    assert tuple(inventory.topics) == found
