@@ -68,7 +68,8 @@ def test_exploring_proposes_the_profile_that_fits(robot: NativeRobot) -> None:
 def test_best_effort_and_lasting_topics_are_received_and_the_profile_checked(robot: NativeRobot) -> None:
     checks = {check.field: check for check in asyncio.run(check_streams(robot.profile(), seconds=4.0))}
     for field in ("velocity", "scan", "odometry", "map", "emergency_stop.service", "controls.goal"):
-        assert checks[field].state == "good", checks[field]
+        # A busy machine receives a stream at less than its rate.
+        assert checks[field].state in ("good", "slow"), checks[field]
     assert checks["controls.never"].state == "nothing"
     assert "/robot" in checks["velocity"].detail
 
