@@ -289,3 +289,20 @@ def test_the_robot_is_found_in_the_very_sound_of_a_turn_and_who_speaks_over_it_i
     both = _hear(robot + somebody, _played()).canceller.heard_in(*at)
     assert both is None or both.beyond > 0.12
     assert _hear(somebody, _played()).canceller.heard_in(*at) is None
+
+
+def test_a_robot_that_is_not_heard_where_it_is_expected_leaves_no_ghost_of_its_voice() -> None:
+    canceller = EchoCanceller()
+    _hear(_echo(), _played(), canceller=canceller)
+    later = 4.0
+    silence = np.zeros(round(2.5 * RATE_HZ))
+    quiet = [
+        canceller.process(chunk).samples
+        for chunk in _later(canceller, silence + _noise(len(silence)), _played(at_s=later), later)
+    ]
+    assert float((np.concatenate(quiet) ** 2).mean()) < 1.5 * 0.001**2
+
+
+def _later(canceller: EchoCanceller, sound: NDArray[np.float64], played: PlayedSound, start_s: float):
+    canceller.play(played)
+    return chunks_of(sound, _moment(start_s), "robot microphone")
