@@ -26,8 +26,10 @@ _HARDLY_RESIDUE, _MORE_LETTERS = 0.87, 300.0
 """And a sentence where next to nothing else was heard: a participant is never so much softer than the robot."""
 _LEAST_BESIDE_ROBOT_NS = 450_000_000
 """While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
-_UNSURE, _UNSURE_WITHIN_NS = 0.45, 1_800_000_000
-"""Of what is left of the robot a recogniser makes a few words that it does not believe itself."""
+_UNSURE, _UNSURE_WITHIN_NS, _UNSURE_SHARE = 0.45, 1_800_000_000, 0.75
+"""Of what is left of the robot a recogniser makes words that it does not believe itself: a few, or where most of the
+sound was the robot. Participants over a robot have 0.67 at most with so little confidence.
+"""
 _SAME_MOMENT_S = 0.7
 """So exactly it is known when a word is heard and when the robot says it, with a pause in its sentence."""
 _LETTERS_A_SECOND = 22.0
@@ -151,6 +153,8 @@ class RobotSpeechFilter:
         if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and (beside_robot or self._speaks_at(started_ns)):
             return 1.0
         unsure = confidence is not None and confidence < _UNSURE
+        if unsure and (echo_share or 0.0) >= _UNSURE_SHARE:
+            return 1.0
         if unsure and late_s is not None and ended_ns - started_ns < _UNSURE_WITHIN_NS:
             return 1.0
         if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:

@@ -93,6 +93,8 @@ def test_words_that_the_recogniser_does_not_believe_itself_are_made_of_the_robot
     assert _robot().is_robots(text, *at_ns, 0.62, confidence=0.68, late_s=0.0) < 0.6, "somebody over the robot"
     assert _robot().is_robots(text, *at_ns, 0.62, confidence=0.41) < 0.6, "the robot is not heard in it"
     assert _robot().is_robots(text, _ns(11.2), _ns(14.0), 0.62, confidence=0.41, late_s=0.0) < 0.6, "long"
+    long_ns = _ns(11.2), _ns(14.0)
+    assert _robot().is_robots(text, *long_ns, 0.8, confidence=0.41, late_s=0.0) == 1.0, "long, and mostly the robot"
 
 
 def test_robot_words_at_their_time_are_its_own_at_any_share() -> None:
