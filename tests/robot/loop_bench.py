@@ -18,8 +18,8 @@ from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 
 V = TypeVar("V")
-_SUBSCRIBED_WITHIN_S = 0.3
-"""Time for reading a subscription that is under way; without one a message goes to the main connection."""
+_SUBSCRIPTION_READS = 100
+"""A subscription that is under way is read meanwhile; without one a message goes to the main connection."""
 Answer = dict[str, Any] | Callable[[dict[str, Any]], dict[str, Any] | str | None]
 
 
@@ -77,10 +77,11 @@ class Bridge:
     async def publish(self, topic: str, message: Any, *, cbor: bool = False) -> None:
         operation = {"op": "publish", "topic": topic, "msg": message}
         payload = encode_cbor(operation) if cbor else encode_json(operation)
-        until_s = time.monotonic() + _SUBSCRIBED_WITHIN_S
-        while not (subscribers := self._subscribers(topic)) and time.monotonic() < until_s:
+        for _ in range(_SUBSCRIPTION_READS):
+            if self._subscribers(topic):
+                break
             await asyncio.sleep(0.002)
-        await self._send(payload, subscribers or self._main())
+        await self._send(payload, self._subscribers(topic) or self._main())
 
     async def send(self, payload: str | bytes) -> None:
         asked_by = None

@@ -117,7 +117,7 @@ class RoomFilter:
         self._covariance -= step[:, :, np.newaxis] * np.conj(seen)[:, np.newaxis, :]
         self._covariance[:, _DIAGONAL, _DIAGONAL] += _TURNED * np.abs(self._weights) ** 2
         echo = (played * self._weights).sum(axis=1)
-        # An estimate that makes the sound louder is of a robot that is not heard there: it would be a ghost of its voice.
+        # An estimate that makes the sound louder is of a robot that is not heard: a ghost of its voice.
         rest = microphone - echo
         rest = np.where(np.abs(rest) > np.abs(microphone), microphone, rest)
         rest2 = np.abs(rest) ** 2
