@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.address import before_port
+from caris_desktop.domain.certificates import WrongFilesError, server_context
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator import robot_models
 from caris_desktop.simulator.characters import CHARACTERS
@@ -23,7 +24,7 @@ from caris_desktop.simulator.robot_models import RobotInterface
 from caris_desktop.simulator.robot_simulation import RATE_HZ, Robot, View
 from caris_desktop.simulator.robot_topics import RobotTopics
 from caris_desktop.simulator.ros_context import RobotClock, RosContext, offer_rosapi
-from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, LineLog, tls_context
+from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, LineLog
 from caris_desktop.simulator.simulated_base import STEP_S
 from caris_desktop.simulator.simulated_camera_process import CameraProcess
 from caris_desktop.simulator.simulated_mapping import MapFiles
@@ -151,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
             server = _server_of(args, model, clock, logs)
             ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
             return asyncio.run(_simulate(args, ros, tls, lines))
-    except (_CannotStart, BadSentences, BadVisits, robot_models.UnknownRobotModel) as error:
+    except (_CannotStart, BadSentences, BadVisits, WrongFilesError, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
@@ -173,12 +174,7 @@ def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
 def _tls_of(args: argparse.Namespace) -> ssl.SSLContext | None:
     if (args.tls_cert is None) != (args.tls_key is None):
         raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
-    try:
-        return None if args.tls_cert is None else tls_context(args.tls_cert, args.tls_key)
-    except OSError as error:  # includes ssl.SSLError
-        raise _CannotStart(
-            f"The certificate {args.tls_cert} and the key {args.tls_key} cannot be used: {error}."
-        ) from error
+    return server_context(args.tls_cert, args.tls_key)
 
 
 def _server_of(
