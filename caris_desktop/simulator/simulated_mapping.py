@@ -106,13 +106,7 @@ class Mapper:
         return self._evidence.copy(), self._known.copy()
 
     def restore(self, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> None:
-        """Restore a snapshot.
-
-        Raises
-        ------
-        ValueError
-            When it is not one of this building.
-        """
+        """Restore a snapshot. Raises ValueError when it is not one of this building."""
         if evidence.shape != (HEIGHT, WIDTH) or known.shape != (HEIGHT, WIDTH):
             raise ValueError(f"the map is not {WIDTH} x {HEIGHT} cells")
         self._evidence = np.clip(evidence, -_LIMIT, _LIMIT).astype(np.int16)
@@ -121,10 +115,7 @@ class Mapper:
     def replace(self, cells: NDArray[np.int8]) -> None:
         """Use a finished map: int8, shape (HEIGHT, WIDTH), -1 unknown, 0 free, 100 occupied.
 
-        Raises
-        ------
-        ValueError
-            When it has another size.
+        Raises ValueError when it has another size.
         """
         self.restore(np.where(cells > 50, _LIMIT, -_LIMIT).astype(np.int16), cells >= 0)
 

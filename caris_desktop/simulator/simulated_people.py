@@ -75,10 +75,7 @@ def visits_by_chance(
 def read_visits(path: Path) -> list[Visit]:
     """Visits from a table with the columns person (1 to 20), comes_s, stays_s and clothes (1 or 2).
 
-    Raises
-    ------
-    BadVisits
-        Where it is not such a table.
+    Raises BadVisits where it is not such a table.
     """
     try:
         with path.open(newline="", encoding="utf-8") as table:

@@ -104,10 +104,7 @@ def is_probably_bag(path: Path) -> bool:
 def open_bag(path: Path, *, scratch: Path) -> Bag:
     """Open the bag at ``path``. ``scratch`` is a folder for decompressing whole files.
 
-    Raises
-    ------
-    BagError
-        If it is none that can be read.
+    Raises BagError if it is none that can be read.
     """
     try:
         if path.is_dir():

@@ -158,12 +158,7 @@ def index_path(video: Path) -> Path:
 def read_frame_times(path: Path) -> FrameTimes:
     """Read a frame index up to the first invalid line.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is no side index.
+    Raises OSError if the file cannot be read. Raises ValueError if it is no side index.
     """
     with path.open("rb") as file:
         content = file.read(_MAX_INDEX_BYTES)
@@ -263,12 +258,7 @@ class SoundContent(Value):
 def repair_wav(path: Path) -> SoundContent:
     """Correct the length in a WAV header.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
-    ValueError
-        If it is no WAV that can be understood.
+    Raises OSError if the file cannot be read or written. Raises ValueError if it is no WAV that can be understood.
     """
     with path.open("r+b") as file:
         wav = wav_layout(file)

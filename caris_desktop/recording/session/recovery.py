@@ -187,10 +187,7 @@ def needs_repair(folder: Path) -> bool:
 def repair_session(folder: Path) -> RepairReport:
     """Repair the session in ``folder`` if needed. Idempotent; a kill does no harm.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session that this program can read, or one that is still being recorded.
+    Raises SessionError if ``folder`` is no session that this program can read, or one that is still being recorded.
     """
     wanting = _wanting(folder, read_header(folder))
     if not wanting:

@@ -347,10 +347,8 @@ def inside(folder: Path, name: str) -> bool:
 def read_header(folder: Path) -> SessionHeader:
     """Read ``session.json``; if it is lost, rebuild it from the events.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session, one of another program or a newer version, or its start time is unknown.
+    Raises SessionError if ``folder`` is no session, one of another program or a newer version, or its start time is
+    unknown.
     """
     return header_of(read_raw_header(folder), folder / HEADER_NAME)
 

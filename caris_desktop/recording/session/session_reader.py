@@ -84,10 +84,7 @@ class Session(Value):
 
         Values of unknown streams, and those that do not fit their type, are left out and logged.
 
-        Raises
-        ------
-        KeyError
-            If a name is not in the stream table.
+        Raises KeyError if a name is not in the stream table.
         """
         return ((spec, value) for _, spec, value in self.arrivals(*streams))
 
@@ -106,10 +103,8 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
 
     Without ``repair`` nothing on disk is changed, and a session in progress can be read.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session that this program can read, or, to be repaired, one that is still being recorded.
+    Raises SessionError if ``folder`` is no session that this program can read, or, to be repaired, one that is still
+    being recorded.
     """
     header = read_header(folder)
     notices: tuple[str, ...] = ()
