@@ -96,8 +96,8 @@ class EventLog:
     def _register(self, topic: str, schema_name: str, schema: dict[str, Any]) -> None:
         text = json.dumps(schema)
         if text not in self._schemas:
-            self._schemas[text] = self._writer.add_schema(schema_name, "jsonschema", text.encode())
-        self._channels[topic] = self._writer.add_channel(topic, "json", self._schemas[text])
+            self._schemas[text] = self._writer.add_schema(schema_name, text.encode())
+        self._channels[topic] = self._writer.add_channel(topic, self._schemas[text])
 
 
 def _bytes_of(message: Any) -> bytes:

@@ -60,8 +60,9 @@ def text_end(data: bytes, at: int) -> int:
     return at + 4 + int.from_bytes(data[at : at + 4], "little")
 
 
-def schema_record(number: int, name: str, encoding: str, data: bytes) -> bytes:
-    return record(SCHEMA, struct.pack("<H", number) + text(name) + text(encoding) + struct.pack("<I", len(data)) + data)
+def schema_record(number: int, name: str, data: bytes) -> bytes:
+    head = struct.pack("<H", number) + text(name) + text("jsonschema")
+    return record(SCHEMA, head + struct.pack("<I", len(data)) + data)
 
 
 def number_of(declaration: bytes) -> int:
@@ -573,17 +574,17 @@ class McapFile:
             self._attachments += 1
         self._file.write(data)
 
-    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add a schema; return its id."""
+    def add_schema(self, name: str, data: bytes) -> int:
+        """Add a JSON Schema; return its id."""
         number = max(self._schemas, default=0) + 1
-        self._schemas[number] = schema_record(number, name, encoding, data)
+        self._schemas[number] = schema_record(number, name, data)
         self._chunk.records += self._schemas[number]
         return number
 
-    def add_channel(self, topic: str, message_encoding: str, schema: int) -> int:
-        """Add a channel; return its id."""
+    def add_channel(self, topic: str, schema: int) -> int:
+        """Add a channel of JSON messages; return its id."""
         number = max(self._channels, default=0) + 1
-        body = struct.pack("<HH", number, schema) + text(topic) + text(message_encoding) + text_map({})
+        body = struct.pack("<HH", number, schema) + text(topic) + text("json") + text_map({})
         self._channels[number] = record(CHANNEL, body)
         self._chunk.records += self._channels[number]
         return number
@@ -596,7 +597,7 @@ class McapFile:
     def add_lost_schema(self, number: int, name: str, data: bytes) -> None:
         """Add a JSON Schema for a copied channel whose own schema is missing in its file."""
         if number not in self._schemas:
-            self._schemas[number] = schema_record(number, name, "jsonschema", data)
+            self._schemas[number] = schema_record(number, name, data)
             self._file.write(self._schemas[number])
 
     def add_message(self, channel: int, data: bytes, *, log_time: int, publish_time: int, sequence: int) -> None:
@@ -717,13 +718,15 @@ def rewrite(
     source: IO[bytes],
     index: BlockIndex,
     target: DiskFile,
+    on_chunk: Callable[[bytes], bytes],
     *,
-    added: AddedMessage | None,
-    on_chunk: Callable[[bytes], None],
+    added: AddedMessage | None = None,
+    skip_damaged: bool = False,
 ) -> None:
     """Copy the result of :func:`scan` of ``source`` to the new file ``target``.
 
-    ``on_chunk`` receives the decompressed content of each chunk. Raises OSError.
+    ``on_chunk`` receives the decompressed content of each chunk, and returns what is written. Damaged chunks are left
+    out, or raise OSError. Raises OSError.
     """
     writer = _begun(target, index)
     for number in range(index.count):
@@ -731,11 +734,18 @@ def rewrite(
             record = read_record(source, index, number)
             content = decompress(record)
         except DamagedBlockError as error:
-            raise OSError(5, f"the disk returned different data than before: {error}") from error
-        on_chunk(content)
-        _copy_block(writer, index, content, record)
+            if not skip_damaged:
+                raise OSError(5, f"the disk returned different data than before: {error}") from error
+            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
+            continue
+        changed = on_chunk(content)
+        _copy_block(writer, index, changed, record if changed == content else b"")
     if added is not None:
-        _add(writer, index, added)
+        channels = (number for number, channel in index.channels.items() if channel.topic == added.topic)
+        number = next(channels, 0) or writer.add_channel(
+            added.topic, writer.add_schema(added.schema_name, added.schema)
+        )
+        writer.add_message(number, added.data, log_time=added.log_ns, publish_time=added.publish_ns, sequence=1)
     writer.finish()
 
 
@@ -748,30 +758,21 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
 
     ``index`` is from :func:`scan`. Damaged chunks are left out. Raises OSError.
     """
-    writer = _begun(target, index)
-    for number in range(index.count):
-        try:
-            record = read_record(source, index, number)
-            content = decompress(record)
-        except DamagedBlockError as error:
-            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
-            continue
+
+    def changed(content: bytes) -> bytes:
         parts: list[bytes] = []
         at = 0
         for message in messages_of(content):
             data = content[message.start : message.end]
             new = change(message.channel, data)
             if new != data:
-                start = message.record_start
-                body = start + HEAD.size
-                parts.append(content[at:start])
-                parts.append(HEAD.pack(MESSAGE, message.start - body + len(new)))
-                parts.append(content[body : message.start])
-                parts.append(new)
+                body = message.record_start + HEAD.size
+                head = HEAD.pack(MESSAGE, message.start - body + len(new))
+                parts += content[at : message.record_start], head, content[body : message.start], new
                 at = message.end
-        changed = b"".join([*parts, content[at:]])
-        _copy_block(writer, index, changed, record if changed == content else b"")
-    writer.finish()
+        return b"".join((*parts, content[at:]))
+
+    rewrite(source, index, target, changed, skip_damaged=True)
 
 
 def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
@@ -788,7 +789,8 @@ def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
     for channel in index.channels.values():
         if channel.schema_number and not channel.schema:
             # Its schema was in a lost chunk, and readers require one.
-            writer.add_lost_schema(channel.schema_number, *_schema_of(channel.topic))
+            name, schema = recorded_schema(channel.topic) or ("lost", {})
+            writer.add_lost_schema(channel.schema_number, name, json.dumps(schema).encode())
     return writer
 
 
@@ -802,17 +804,3 @@ def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: byt
         record = b""
     if known:
         writer.copy_chunk(content, record)
-
-
-def _schema_of(topic: str) -> tuple[str, bytes]:
-    """Name and content of this program's JSON Schema for a topic."""
-    name, schema = recorded_schema(topic) or ("lost", {})
-    return name, json.dumps(schema).encode()
-
-
-def _add(writer: McapFile, index: BlockIndex, added: AddedMessage) -> None:
-    number = next((number for number, channel in index.channels.items() if channel.topic == added.topic), None)
-    if number is None:
-        schema = writer.add_schema(added.schema_name, "jsonschema", added.schema)
-        number = writer.add_channel(added.topic, "json", schema)
-    writer.add_message(number, added.data, log_time=added.log_ns, publish_time=added.publish_ns, sequence=1)

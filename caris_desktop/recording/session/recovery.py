@@ -352,7 +352,7 @@ class _Repair:
             self._record.newest_utc_ns = max(self._record.newest_utc_ns, int(index.ends_utc_ns[number]))
         with DiskFile(part) as target:
             end = self._end_event(index, file)
-            rewrite(file, index, target, added=end, on_chunk=lambda content: self._inspect(index, content))
+            rewrite(file, index, target, lambda content: self._inspect(index, content), added=end)
             target.sync()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
@@ -392,7 +392,8 @@ class _Repair:
         else:
             self._ended_ns, self._reason = max(newest_ns, self._clock.started_ns), "recovered"
 
-    def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
+    def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> bytes:
+        """Note what the messages of a chunk say of the session; return the chunk."""
         record = self._record
         for message in events_file.messages_of(content):
             channel = index.channels.get(message.channel)
@@ -422,6 +423,7 @@ class _Repair:
                     record.pauses.append(value)
                 case SessionEnded():
                     record.ended = value
+        return content
 
     def _report_events(self) -> None:
         if self._damaged_bytes is None and self._preserved_name(_EVENTS):
