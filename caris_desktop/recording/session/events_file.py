@@ -156,14 +156,13 @@ class _Gathered:
     blocks: list[tuple[int, int, int]] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, bytes] = field(default_factory=dict)
-    numbers: list[NDArray[np.int64]] = field(default_factory=list)
-    at_blocks: list[NDArray[np.int64]] = field(default_factory=list)
+    blocks_of: dict[int, list[int]] = field(default_factory=dict)
     damaged_bytes: int = 0
     beside: list[bytes] = field(default_factory=list)
 
-    def add_block(self, block: tuple[int, int, int], channels: NDArray[np.int64]) -> None:
-        self.numbers.append(channels)
-        self.at_blocks.append(np.full(len(channels), len(self.blocks), np.int64))
+    def add_block(self, block: tuple[int, int, int], channels: Iterable[int]) -> None:
+        for channel in channels:
+            self.blocks_of.setdefault(channel, []).append(len(self.blocks))
         self.blocks.append(block)
 
     def add_declaration(self, opcode: int, record: bytes) -> None:
@@ -179,18 +178,12 @@ class _Gathered:
 
     def index(self, *, has_summary: bool) -> BlockIndex:
         table = np.array(self.blocks, np.int64).reshape(-1, 3)
-        numbers = np.concatenate(self.numbers) if self.numbers else np.zeros(0, np.int64)
-        at_blocks = np.concatenate(self.at_blocks) if self.at_blocks else np.zeros(0, np.int64)
-        order = np.lexsort((at_blocks, numbers))
-        numbers, at_blocks = numbers[order], at_blocks[order]
-        known, firsts = np.unique(numbers, return_index=True)
-        parts = np.split(at_blocks, firsts[1:])
         return BlockIndex(
             table[:, 0],
             table[:, 1],
             table[:, 2],
             self.channels,
-            {int(number): part for number, part in zip(known, parts, strict=False)},
+            {channel: np.array(blocks, np.int64) for channel, blocks in self.blocks_of.items()},
             has_summary,
             self.damaged_bytes,
             tuple(self.beside),
@@ -372,12 +365,12 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
                 entries = np.frombuffer(
                     summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + CHUNK_INDEX_BODY.size
                 )
-                gathered.add_block((offset, size, last_ns), entries["channel"].astype(np.int64))
+                gathered.add_block((offset, size, last_ns), entries["channel"].tolist())
             elif opcode == STATISTICS:
                 (messages,) = struct.unpack_from("<Q", summary, body)
             at = body + length
         # Without chunk or message indexes the file must be scanned.
-        return None if messages and not sum(map(len, gathered.numbers)) else gathered.index(has_summary=True)
+        return None if messages and not gathered.blocks_of else gathered.index(has_summary=True)
     except (struct.error, ValueError, OverflowError):
         return None
 
@@ -458,7 +451,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
     # A chunk that declares a channel must be decompressed, and so must the last one, whose indexes may be incomplete.
     if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
         return False
-    gathered.add_block((at, record_bytes, last_ns), np.array(sorted(numbers), np.int64))
+    gathered.add_block((at, record_bytes, last_ns), dict.fromkeys(numbers))
     return True
 
 
@@ -486,7 +479,7 @@ def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) ->
             numbers.add(number)
         at = body + length
     if numbers:
-        gathered.add_block((*place, min(last_ns, _LARGEST_NS)), np.array(sorted(numbers), np.int64))
+        gathered.add_block((*place, min(last_ns, _LARGEST_NS)), numbers)
 
 
 def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
