@@ -20,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.session.media_files import wav_layout
+from caris_desktop.recording.session.media_files import WavReader
 from caris_desktop.recording.session.session_conversation import SpokenUtterance
 from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_marks import FinalMark
@@ -30,7 +30,6 @@ BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000
 _POSE_EVERY_NS = 200_000_000  # the speed between closer poses is mostly noise
 _LONGEST_STEP_NS = 2_000_000_000
-_READ_SAMPLES = 1 << 20
 _LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not exhaust memory
 _SPEAKERS = {"participant": QT_TR_NOOP("participant"), "robot": QT_TR_NOOP("robot"), "wizard": QT_TR_NOOP("wizard")}
 _MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note"), "mark": QT_TR_NOOP("Mark")}
@@ -203,48 +202,3 @@ def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -
                 continue
         runs.append(block)
     return runs
-
-
-class WavReader:
-    """Samples of a 16-bit PCM WAV file, even if its header was never completed."""
-
-    def __init__(self, path: Path) -> None:
-        """Open the file. Raises OSError, and ValueError for another format."""
-        self._file = path.open("rb")
-        try:
-            wav, size_bytes = wav_layout(self._file), path.stat().st_size
-            self.channels, self.sample_rate_hz, self._offset = wav.channels, wav.sample_rate_hz, wav.offset_bytes
-            # A killed recording leaves a zero or too large length.
-            self.samples = min(wav.data_bytes or size_bytes, size_bytes - wav.offset_bytes) // (2 * wav.channels)
-        except BaseException:
-            self._file.close()
-            raise
-
-    def __enter__(self) -> "WavReader":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
-        """Yield (index, float32 in -1..1) of the loudest channel in pieces: ``count`` samples from ``first`` on."""
-        for content in self.read_bytes(first, count):
-            block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
-            loudest = block[:, 0]
-            if self.channels > 1:
-                loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
-            yield first, loudest.astype(np.float32) / np.float32(32768)
-            first += len(block)
-
-    def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
-        """Yield the raw samples of all channels in pieces."""
-        end = min(first + count, self.samples)
-        frame_bytes = 2 * self.channels
-        while first < end:
-            self._file.seek(self._offset + first * frame_bytes)
-            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
-            frames = len(content) // frame_bytes
-            if not frames:
-                return
-            yield content[: frames * frame_bytes]
-            first += frames

@@ -24,9 +24,9 @@ from caris_desktop.recording.annotation.annotation_editing import merge_document
 from caris_desktop.recording.annotation.annotation_import import PROPERTY
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.annotation.timeline_builder import WavReader, sound_runs
+from caris_desktop.recording.annotation.timeline_builder import sound_runs
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.media_files import moments_words, wav_header
+from caris_desktop.recording.session.media_files import WavReader, moments_words, wav_header
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 
