@@ -9,6 +9,7 @@ import os
 import signal
 import ssl
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -148,10 +149,11 @@ def run(args: argparse.Namespace) -> int:
         robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
         clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
         tls = _tls_of(args)
-        with contextlib.ExitStack() as logs, contextlib.suppress(KeyboardInterrupt):
-            server = _server_of(args, model, clock, logs)
+        with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
+            server = _server_of(args, model, clock, opened)
             ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
-            return asyncio.run(_simulate(args, ros, tls, lines))
+            maps = MapFiles(args.maps_folder or Path(opened.enter_context(_temporary_folder())))
+            return asyncio.run(_simulate(args, ros, tls, lines, maps))
     except (_CannotStart, BadSentences, BadVisits, WrongFilesError, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
         return 2
@@ -216,14 +218,19 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
     return None if args.visits is None else read_visits(args.visits)
 
 
-async def _simulate(args: argparse.Namespace, ros: RosContext, tls: ssl.SSLContext | None, lines: Sequence[str]) -> int:
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
+
+
+async def _simulate(
+    args: argparse.Namespace, ros: RosContext, tls: ssl.SSLContext | None, lines: Sequence[str], maps: MapFiles
+) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    maps = MapFiles(args.maps_folder)
     topics = RobotTopics(ros, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
     offer_rosapi(ros.server, ros.dialect, clock=ros.clock)
     try:
@@ -261,7 +268,6 @@ async def _simulate(args: argparse.Namespace, ros: RosContext, tls: ssl.SSLConte
     desk.stop()
     camera.close()
     await ros.server.stop()
-    maps.close()
     return 0
 
 
