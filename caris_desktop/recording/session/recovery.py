@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
 from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
-from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message, schema_of, to_message
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -92,7 +92,7 @@ def missing_values(folder: Path, header: SessionHeader) -> Counter[str]:
     found: Counter[str] = Counter()
     for channel, count in of_channel.items():
         its = index.channels.get(channel)
-        if its is None or its.topic in DERIVED_TOPICS:
+        if its is None or its.topic == TRANSFORMS_TOPIC:
             continue
         spec = spec_of_topic(its.topic)
         name = its.topic.removeprefix("/") if spec is None else spec.name
@@ -397,7 +397,7 @@ class _Repair:
         record = self._record
         for message in events_file.messages_of(content):
             channel = index.channels.get(message.channel)
-            if channel is None or channel.topic in DERIVED_TOPICS or (only is not None and message.channel != only):
+            if channel is None or channel.topic == TRANSFORMS_TOPIC or (only is not None and message.channel != only):
                 continue
             spec = spec_of_topic(channel.topic)
             name = channel.topic.removeprefix("/") if spec is None else spec.name

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
-from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session import events_file
@@ -160,7 +160,7 @@ def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec
         file = path.open("rb")
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
-    topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
+    topics = {number: its.topic for number, its in index.channels.items() if its.topic != TRANSFORMS_TOPIC}
     if names:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in names}
