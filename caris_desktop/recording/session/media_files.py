@@ -50,11 +50,11 @@ def in_file_names(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
 
 
-def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool]) -> str:
+def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool], *, number_as: str = "-{}") -> str:
     """``STEMSUFFIX``, or numbered from 2 if that is taken."""
     name, number = f"{stem}{suffix}", 2
     while is_taken(name):
-        name, number = f"{stem}-{number}{suffix}", number + 1
+        name, number = f"{stem}{number_as.format(number)}{suffix}", number + 1
     return name
 
 
