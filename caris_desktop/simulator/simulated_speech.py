@@ -72,8 +72,8 @@ class Microphone:
     ``leak`` is the level of the robot's own voice, ``noise`` of the room; both as factors of full scale.
     """
 
-    def __init__(self, seed: int = 1) -> None:
-        self._random = np.random.default_rng(seed)
+    def __init__(self) -> None:
+        self._random = np.random.default_rng(1)
         self._sounds: list[_Sound] = []
         self.leak = 0.5
         self.noise = _NOISE

@@ -4,7 +4,7 @@ import logging
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -36,17 +36,15 @@ _MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note")
 _log = logging.getLogger(__name__)
 
 
-def build_overview(session: Session, progress: Callable[[float], None] | None = None) -> SessionOverview:
-    """Build the overview. Any thread; ``progress`` gets 0..1 and may raise to cancel. Raises SessionError.
+def build_overview(session: Session) -> SessionOverview:
+    """Build the overview. Raises SessionError.
 
     Reads events, odometry (else poses, else commands) and the audio index; skips scans, maps and video. An unreadable
     audio file is logged and left out.
     """
-    tell = progress or (lambda _fraction: None)
     data, speed, sound = SessionData(session), _Speed(session.started_ns), _Sound(session)
-    whole_ns = max(1, session.ended_ns - session.started_ns)
     streams = [BY_TYPE[kind].name for kind in types_of_tiers()]
-    for number, (_, value) in enumerate(session.values(*streams, "odometry", "pose", "audio")):
+    for _, value in session.values(*streams, "odometry", "pose", "audio"):
         match value:
             case Odometry() | RobotPose():
                 speed.add(value)
@@ -56,10 +54,6 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
                 data.add(value)
                 if isinstance(value, CommandSent):
                     speed.add(value)
-        if number % 2000 == 0:
-            tell(0.7 * min(1.0, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
-    waveforms = tuple(sound.waveforms(lambda fraction: tell(0.7 + 0.25 * fraction)))
-    tiers = tiers_of(data)
     moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in data.marks]
     moments += [
         Moment("utterance", item.start_ns, _said(item))
@@ -67,8 +61,9 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
         if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
-    tell(1.0)
-    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), data.steps)
+    return SessionOverview(
+        tiers_of(data), tuple(moments), tuple(sound.waveforms()), speed.curve(), _cameras(session), data.steps
+    )
 
 
 def run_overview(connection: Connection, session: Session) -> None:
@@ -149,9 +144,8 @@ class _Sound:
         if block.sample_rate_hz > 0 and block.sample_count > 0 and block.first_sample >= 0 and within:
             track.blocks.append((block.stamp_ns, block.first_sample, block.sample_count, block.sample_rate_hz))
 
-    def waveforms(self, progress: Callable[[float], None]) -> Iterator[Waveform]:
-        for number, track in enumerate(self._tracks.values()):
-            progress(number / len(self._tracks))
+    def waveforms(self) -> Iterator[Waveform]:
+        for track in self._tracks.values():
             if track.blocks:
                 try:
                     yield _waveform(track, self._session.folder)

@@ -31,7 +31,7 @@ class EventLog:
         self._transforms = 0
         self._robot_clock: LinkQuality | None = None
         self.counts: Counter[str] = Counter()
-        self._writer = McapFile(file, library="caris-desktop")
+        self._writer = McapFile(file)
         self._writer.add_metadata("session", {"format_version": str(FORMAT_VERSION), **metadata})
 
     def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:

@@ -77,8 +77,9 @@ _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 # A map of 10,000 x 10,000 cells has 100 million bytes; the recorder closes a chunk after some megabytes.
 _MAX_BLOCK_BYTES = 1 << 28
 _RUN_BYTES = 1 << 20
-_LONGEST_HEADER_BYTES = 1024
 _LARGEST_NS = 2**63 - 1
+_HEADER = record(HEADER, text("") + text("caris-desktop"))
+_BEGINNING = MAGIC + _HEADER
 # Offset of the compression name in a chunk, which locates the next chunk behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", HEAD.size + CHUNK_BODY.size - 4
 
@@ -202,21 +203,10 @@ def has_summary(path: Path) -> bool:
         return _summary_span(file) is not None
 
 
-def library_of(path: Path) -> str:
-    """Library that wrote the file; empty if unnamed or not an MCAP file. Raises OSError."""
+def is_ours(path: Path) -> bool:
+    """True if this program wrote the file, by its first bytes. Raises OSError."""
     with path.open("rb") as file:
-        begin = file.read(_LONGEST_HEADER_BYTES)
-    try:
-        opcode, length = HEAD.unpack_from(begin, len(MAGIC))
-        at = len(MAGIC) + HEAD.size
-        body = begin[at : at + length]
-        (profile_bytes,) = struct.unpack_from("<I", body)
-        (library_bytes,) = struct.unpack_from("<I", body, 4 + profile_bytes)
-    except struct.error:
-        return ""
-    if begin[: len(MAGIC)] != MAGIC or opcode != HEADER:
-        return ""
-    return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
+        return file.read(len(_BEGINNING)) == _BEGINNING
 
 
 def messages_of(content: bytes) -> Iterator[Message]:
@@ -529,7 +519,7 @@ class _Chunk:
 class McapFile:
     """Sequential writer of one file. Times are UTC nanoseconds. Methods raise OSError."""
 
-    def __init__(self, file: DiskFile, *, library: str, header: bytes = b"") -> None:
+    def __init__(self, file: DiskFile, *, header: bytes = _HEADER) -> None:
         """``header`` is the record of a copied file, instead of our own."""
         import zstandard
 
@@ -545,7 +535,7 @@ class McapFile:
         self._attachment_indexes = bytearray()
         self._metadata_indexes = bytearray()
         self._chunk = _Chunk()
-        file.write(MAGIC + (header or record(HEADER, text("") + text(library))))
+        file.write(MAGIC + header)
 
     def add_metadata(self, name: str, entries: dict[str, str]) -> None:
         """Write a metadata record. Call before the first message."""
@@ -770,8 +760,8 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
 
 def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
     """New file with the file-level records."""
-    header = next((record for record in index.beside if record[0] == HEADER), b"")
-    writer = McapFile(target, library="caris-desktop", header=header)
+    header = next((record for record in index.beside if record[0] == HEADER), _HEADER)
+    writer = McapFile(target, header=header)
     for record in index.beside:
         if record[0] != HEADER:
             writer.copy_alongside(record)

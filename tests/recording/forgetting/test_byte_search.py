@@ -130,7 +130,7 @@ def _packed_zip(path: Path) -> None:
 
 
 def _mcap(path: Path) -> None:
-    writer = McapFile(DiskFile(path), library="test")
+    writer = McapFile(DiskFile(path))
     channel = writer.add_channel("/said", writer.add_schema("said", b"{}"))
     for number in range(200):
         data = json.dumps({"text": SENTENCE if number == 150 else "nobody" * 50}).encode()

@@ -19,7 +19,7 @@ TOPICS = ("/a", "/b/ü", "/c")
 def write(path: Path, messages: int, *, finish: bool = True) -> None:
     """Messages in chunks of seven, with unordered times; ``/c`` has no message."""
     file = DiskFile(path)
-    writer = McapFile(file, library="test")
+    writer = McapFile(file)
     writer.add_metadata("session", {"who": "tëst", "empty": ""})
     schema = writer.add_schema("thing", b"{}")
     channels = [writer.add_channel(topic, schema) for topic in TOPICS]
@@ -87,7 +87,7 @@ def test_a_file_with_hardly_anything_in_it_is_complete(tmp_path: Path, messages:
 
 def test_large_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
     file = DiskFile(tmp_path / "f.mcap")
-    writer = McapFile(file, library="test")
+    writer = McapFile(file)
     channel = writer.add_channel("/map", writer.add_schema("map", b"{}"))
     before = file.size_bytes
     for number in range(5):
@@ -114,7 +114,7 @@ class NarrowDisk(DiskFile):
 
 def test_data_refused_by_a_full_disk_is_written_once_it_has_room(tmp_path: Path) -> None:
     file = NarrowDisk(tmp_path / "f.mcap")
-    writer = McapFile(file, library="test")
+    writer = McapFile(file)
     channel = writer.add_channel("/a", writer.add_schema("thing", b"{}"))
     added = []
     for number in range(60):
