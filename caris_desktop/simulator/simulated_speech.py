@@ -92,11 +92,6 @@ class Microphone:
         """The robot's loudspeaker stops."""
         self._sounds = [each for each in self._sounds if each.source != "robot"]
 
-    @property
-    def spoken_to(self) -> bool:
-        """True while a person in front of the robot speaks."""
-        return any(each.source == "participant" for each in self._sounds)
-
     def take(self, count: int) -> NDArray[np.int16]:
         """Next samples, shape (count, 1)."""
         mixed = self._random.normal(0.0, self.noise, count).astype(np.float32)
