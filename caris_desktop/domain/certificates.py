@@ -35,10 +35,7 @@ def client_context(ca_file: str | None = None) -> ssl.SSLContext:
     """TLS context that trusts the system's authorities and each certificate in a file, whoever
     signed it.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be used; its subclass ``ssl.SSLError`` if it contains no certificate.
+    Raises OSError if the file cannot be used; its subclass ``ssl.SSLError`` if it contains no certificate.
     """
     context = as_on_every_python(ssl.create_default_context())
     if ca_file is not None:
@@ -75,12 +72,7 @@ def confirmed_context(fingerprint: str, host: str, port: int) -> ssl.SSLContext:
 
     Blocks, since it requests the certificate from the server; OpenSSL verifies that the actual connection has the same.
 
-    Raises
-    ------
-    OtherCertificateError
-        If the server has another one.
-    OSError
-        If the server does not answer.
+    Raises OtherCertificateError if the server has another one. Raises OSError if the server does not answer.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False

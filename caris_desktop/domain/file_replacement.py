@@ -37,10 +37,7 @@ def replace_file(
     on_full
         Called to free space on a full disk; if it has, the write continues where it stopped.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written, or whatever ``data`` raises.
+    Raises OSError if the file cannot be written, or whatever ``data`` raises.
     """
     descriptor, beside = _opened_alongside(path)
     try:

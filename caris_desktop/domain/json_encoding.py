@@ -7,36 +7,17 @@ missing field reads as None.
 import dataclasses
 import functools
 import typing
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from caris_desktop.domain.foxglove import TRANSFORMS, Shape, Time, time_of, transforms_of
+from caris_desktop.domain.foxglove import TRANSFORMS, time_of
 from caris_desktop.domain.schema import from_jsonable, json_schema, require_recordable, shape_schema, to_jsonable
 from caris_desktop.domain.schema_fields import union_members
-from caris_desktop.domain.sensing import CameraLens, RobotPose
 from caris_desktop.domain.streams import STREAMS, StreamSpec, spec_of_topic
-from caris_desktop.domain.value_class import Value
 
-
-class DerivedChannel(Value, eq=False):
-    """Derived messages written for other programs only: our reader has their content from the values.
-
-    ``make`` gives the message that follows from a value of one of the types ``of``, None if none does.
-    """
-
-    topic: str
-    schema_name: str
-    shape: Shape
-    of: tuple[type[Any], ...]
-    make: Callable[[Any, Time], Any | None]
-
-
-DERIVED: tuple[DerivedChannel, ...] = (
-    DerivedChannel("/tf", "foxglove.FrameTransforms", TRANSFORMS, (RobotPose, CameraLens), transforms_of),
-)
-DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
+TRANSFORMS_TOPIC = "/tf"
+"""Channel for other programs only: its messages follow from values, from which our reader has their content."""
 
 
 def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any]:
@@ -79,15 +60,16 @@ def from_message(spec: StreamSpec, message: Any) -> Any:
 
 def recorded_schema(topic: str) -> tuple[str, dict[str, Any]] | None:
     """Name and JSON Schema of the messages of a topic; None for topics that this program does not write."""
+    if topic == TRANSFORMS_TOPIC:
+        return transforms_schema()
     spec = spec_of_topic(topic)
-    if spec is not None:
-        return schema_of(spec)
-    derived = next((channel for channel in DERIVED if channel.topic == topic), None)
-    return None if derived is None else derived_schema(derived)
+    return None if spec is None else schema_of(spec)
 
 
-def derived_schema(channel: DerivedChannel) -> tuple[str, dict[str, Any]]:
-    return channel.schema_name, {"title": channel.schema_name, **shape_schema(channel.shape)}
+def transforms_schema() -> tuple[str, dict[str, Any]]:
+    """Name and JSON Schema of the messages on ``TRANSFORMS_TOPIC``."""
+    name = "foxglove.FrameTransforms"
+    return name, {"title": name, **shape_schema(TRANSFORMS)}
 
 
 def schema_of(spec: StreamSpec) -> tuple[str, dict[str, Any]]:

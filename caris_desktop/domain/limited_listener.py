@@ -33,10 +33,9 @@ class LimitedListener(socket.socket):
     thread. The server calls ``admit`` for clients that authenticated, and limits their number itself.
     """
 
-    def __init__(self, family: int, *, per_address: int, in_all: int, chance: random.Random) -> None:
+    def __init__(self, family: int, *, per_address: int, chance: random.Random) -> None:
         super().__init__(family, socket.SOCK_STREAM)
         self._per_address = per_address
-        self._in_all = in_all
         self._chance = chance
         self._waiting: list[_Waiting] = []
         self._admitted_places: deque[str] = deque(maxlen=_ADMITTED_PLACES)
@@ -73,8 +72,8 @@ class LimitedListener(socket.socket):
         """End a connection if one more is too many; False where the new one must be closed instead."""
         rivals = [one for one in self._waiting if (one.place == _HERE) == (place == _HERE)]
         held = Counter(one.place for one in rivals)
-        full_place = held[place] >= (self._in_all if place == _HERE else self._per_address)
-        if not full_place and len(rivals) < self._in_all:
+        full_place = held[place] >= (IN_ALL if place == _HERE else self._per_address)
+        if not full_place and len(rivals) < IN_ALL:
             return True
         self._closed += 1
         if self._closed & (self._closed - 1) == 0:  # 1, 2, 4, 8, ...: a flood does not fill the disk
@@ -131,12 +130,12 @@ def _place_of(host: str) -> str:
 
 
 def listen_limited(
-    host: str, port: int, *, per_address: int = PER_ADDRESS, in_all: int = IN_ALL, chance: random.Random = _CHANCE
+    host: str, port: int, *, per_address: int = PER_ADDRESS, chance: random.Random = _CHANCE
 ) -> LimitedListener:
     """Listen at ``host``, a name or a number. ``chance`` chooses what is closed. Raises OSError."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     family, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
-    listener = LimitedListener(family, per_address=per_address, in_all=in_all, chance=chance)
+    listener = LimitedListener(family, per_address=per_address, chance=chance)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)

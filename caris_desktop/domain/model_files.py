@@ -75,13 +75,8 @@ def check_file(path: Path) -> str:
 def read_checked(path: Path) -> tuple[bytes, str]:
     """Content and SHA-256 of a model file, checked before it is parsed.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    WrongChecksum
-        If it differs from the listed file of its package, or from the checksum in a ``.sha256`` file of its name
-        next to it.
+    Raises OSError if it cannot be read. Raises WrongChecksum if it differs from the listed file of its package, or from
+    the checksum in a ``.sha256`` file of its name next to it.
     """
     content = path.read_bytes()
     return content, _checked(path, hashlib.sha256(content).hexdigest())

@@ -75,10 +75,7 @@ def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...])
 
     ``input_dims`` replaces the shape of its only input (float32); a text names an open size.
 
-    Raises
-    ------
-    ValueError
-        If this is no ONNX model with one input, or no node computes ``output``.
+    Raises ValueError if this is no ONNX model with one input, or no node computes ``output``.
     """
     model = _parsed(content)
     graph = model.graph
@@ -109,10 +106,7 @@ def part_of_graph(
 
     The model's own inputs remain if they are still needed.
 
-    Raises
-    ------
-    ValueError
-        If this is no ONNX model, or no node computes one of the ``outputs``.
+    Raises ValueError if this is no ONNX model, or no node computes one of the ``outputs``.
     """
     model = _parsed(content)
     graph = model.graph

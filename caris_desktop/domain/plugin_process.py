@@ -52,10 +52,7 @@ def why_unusable(plugin: Plugin) -> str:
 class PluginProcess:
     """Process that loads a plug-in and answers one request at a time; for one thread. It ends with this process.
 
-    Raises
-    ------
-    PluginError
-        If the plug-in cannot be loaded, or failed earlier in this process.
+    Raises PluginError if the plug-in cannot be loaded, or failed earlier in this process.
     """
 
     def __init__(self, plugin: Plugin, host: Host, *, load_within_s: float | None = None) -> None:
@@ -79,10 +76,7 @@ class PluginProcess:
         ``report(*values)`` there calls ``on_report(*values)`` here. ``within_s`` limits the time from one report to
         the next.
 
-        Raises
-        ------
-        PluginError
-            If the plug-in raised, printed, ended its process or was too slow. The process is ended then.
+        Raises PluginError if the plug-in raised, printed, ended its process or was too slow. The process is ended then.
         """
         with contextlib.suppress(OSError):  # it has ended, which its result says
             self._connection.send(request)

@@ -216,10 +216,8 @@ def watched(
 ) -> Iterator[None]:
     """Call a plug-in within this block: ``notify`` gets its beginning and end, so that another process can end it.
 
-    Raises
-    ------
-    PluginError
-        For every failure of the block, and if it has printed: standard output is the result of some commands.
+    Raises PluginError for every failure of the block, and if it has printed: standard output is the result of some
+    commands.
     """
     if plugin.is_built_in:
         yield

@@ -77,12 +77,8 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
     Nothing is converted: a text is neither number nor list, whole numbers have at most 64 bits. An array whose field
     has a ``shape`` in its metadata (-1: any size) must match it.
 
-    Raises
-    ------
-    ValueError
-        If the data cannot be a ``value_type``.
-    TypeError
-        If no recorded form is known for ``value_type``.
+    Raises ValueError if the data cannot be a ``value_type``. Raises TypeError if no recorded form is known for
+    ``value_type``.
     """
     kind: Any = value_type
     build = _builder(kind)
@@ -151,10 +147,7 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
 def array_dtype(hint: Any) -> "np.dtype[Any] | None":
     """Number type of an array; None for other type hints.
 
-    Raises
-    ------
-    TypeError
-        If the array's type is undetermined, or neither integer nor floating-point.
+    Raises TypeError if the array's type is undetermined, or neither integer nor floating-point.
     """
     hint = without_alias(hint)
     if hint is not np.ndarray and get_origin(hint) is not np.ndarray:

@@ -86,10 +86,7 @@ def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
 
     ``finite`` refuses numbers that are not.
 
-    Raises
-    ------
-    YamlSourceError
-        On a syntax error, a duplicate key, a reference, or a tag.
+    Raises YamlSourceError on a syntax error, a duplicate key, a reference, or a tag.
     """
     try:
         loader = _PlainLoader(text)

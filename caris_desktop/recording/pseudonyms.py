@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
@@ -46,8 +47,8 @@ class Pseudonyms(Value):
     its sessions were asked to hide. Names that are codes already are unchanged.
     """
 
-    wizards: dict[str, str]
-    coders: dict[str, str]
+    wizards: dict[str, str] = field(default_factory=dict)
+    coders: dict[str, str] = field(default_factory=dict)
     people: dict[str, str] = field(default_factory=dict)
 
     def wizard(self, name: str) -> str:
@@ -251,17 +252,12 @@ def _read_assignment(path: Path) -> Pseudonyms:
             data: Any = json.loads(file.read(_MAX_BYTES))
         if data["format"] != _FORMAT:
             raise ValueError("a file of something else")  # noqa: TRY301 - reported below, like its other errors
-        return Pseudonyms(
-            *(
-                {str(name): str(pseudonym) for name, pseudonym in data.get(part, {}).items()}
-                for part in ("wizards", "coders", "people")
-            )
-        )
+        return from_jsonable(Pseudonyms, data)
     except FileNotFoundError:
-        return Pseudonyms({}, {})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return Pseudonyms()
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         _log.warning("%s cannot be read: the pseudonyms are made anew", path, exc_info=True)
-        return Pseudonyms({}, {})
+        return Pseudonyms()
 
 
 def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
@@ -273,9 +269,7 @@ def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
             "Assignment of pseudonyms to names. Store this file where the names of participants are stored, or "
             "delete it."
         ),
-        "wizards": pseudonyms.wizards,
-        "coders": pseudonyms.coders,
-        **({"people": pseudonyms.people} if pseudonyms.people else {}),
+        **{name: names for name, names in to_jsonable(pseudonyms).items() if names or name != "people"},
     }
     try:
         replace_file(path, (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode(), durable=False)

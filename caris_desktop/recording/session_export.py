@@ -402,10 +402,7 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
 
     Non-empty folders of a study that are not sessions are included, so that they are reported.
 
-    Raises
-    ------
-    ExportError
-        If it is neither.
+    Raises ExportError if it is neither.
     """
     if is_session(path):
         return (path,)
@@ -432,10 +429,8 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
 def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | None = None) -> list[Path]:
     """Write the session in ``folder`` as ``fmt`` atomically into the folder ``out``; return the paths.
 
-    Raises
-    ------
-    ExportError
-        If the session cannot be read, the format is unknown, or ``out`` cannot be used or holds files already.
+    Raises ExportError if the session cannot be read, the format is unknown, or ``out`` cannot be used or holds files
+    already.
     """
     known = all_formats()
     if fmt not in known:

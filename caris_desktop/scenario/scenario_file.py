@@ -40,10 +40,7 @@ def migrate(
 ) -> dict[str, Any]:
     """``data`` migrated to the newest version; the argument is unchanged.
 
-    Raises
-    ------
-    ValueError
-        If the version is no whole number, or newer than ``newest``.
+    Raises ValueError if the version is no whole number, or newer than ``newest``.
     """
     version = data.get("version", 0)
     if isinstance(version, bool) or not isinstance(version, int) or version < 0:
@@ -88,10 +85,7 @@ def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = l
 
     ``velocity_topic_of`` returns the velocity topic of a robot by its name in the file: no control may publish there.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, or says something that a scenario may not say.
+    Raises ScenarioError if the file cannot be read, or says something that a scenario may not say.
     """
     raw = _read(path)
     scenario = parse_scenario(_decoded(raw, path), path=path.resolve(), velocity_topic_of=velocity_topic_of)
@@ -104,10 +98,7 @@ def save_scenario(scenario: Scenario, path: Path) -> Scenario:
     Text in the target, or else in the scenario's source file, is preserved including comments and order; only
     differences are rewritten.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be written, has a mistake, or the scenario would not load again.
+    Raises ScenarioError if the file cannot be written, has a mistake, or the scenario would not load again.
     """
     return _save(scenario, path, _known(path))
 
@@ -139,11 +130,8 @@ def save_text(
     """Write ``text`` to ``path`` atomically; return the file's content. If the folder differs from that of
     ``came_from``, the schema comment for editors is updated.
 
-    Raises
-    ------
-    ScenarioError
-        If it has a mistake or the file cannot be written; OtherFileError if what is there has not the checksum
-        ``replaces``.
+    Raises ScenarioError if it has a mistake or the file cannot be written; OtherFileError if what is there has not the
+    checksum ``replaces``.
     """
     if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
         message = (
@@ -455,10 +443,7 @@ def scenario_files(*, user_dir: Path | None = None) -> tuple[Path, ...]:
 def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> Path:
     """Scenario file by path, or by name in the library with or without its suffix.
 
-    Raises
-    ------
-    ScenarioError
-        If there is none; the text lists what there is.
+    Raises ScenarioError if there is none; the text lists what there is.
     """
     path = Path(name_or_path).expanduser()
     if path.is_file():

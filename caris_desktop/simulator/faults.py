@@ -76,10 +76,7 @@ class Injection(Value):
 def inject(faults: Faults, command: str) -> Injection:
     """Apply ``command``, one of :data:`HELP`.
 
-    Raises
-    ------
-    ValueError
-        When the command is not one of them; the text names what is allowed.
+    Raises ValueError when the command is not one of them; the text names what is allowed.
     """
     name, _, argument = command.strip().partition(":")
     if name in _AMOUNTS:

@@ -69,7 +69,7 @@ class Place(Value):
 
 
 class Poster(Value):
-    """Picture on a wall: centre, orientation (degrees), and size."""
+    """Picture on a wall: centre, orientation (degrees), size, and name of its file."""
 
     x_m: float
     y_m: float
@@ -77,8 +77,7 @@ class Poster(Value):
     width_m: float
     height_m: float
     middle_height_m: float
-    kind: str
-    text: str = ""
+    picture: str
 
 
 _PLAN = shipped_data("floor-plan.yaml")

@@ -49,7 +49,11 @@ _ROOMS = (
     ((4.6, 5.8, 10.0, 10.0), (224, 216, 206), "oak"),
     ((10.0, 5.8, 16.0, 10.0), (222, 222, 230), "oak"),
 )
-_ACCENTS = ((120, 92, 44), (60, 110, 190), (84, 128, 84), (70, 84, 160), (150, 120, 60))
+
+
+def shipped_image(name: str) -> Image:
+    """Image of ``resources/simulator``: uint8, BGR or BGRA."""
+    return np.asarray(cv2.imdecode(np.fromfile(shipped_file(name), np.uint8), cv2.IMREAD_UNCHANGED))
 
 
 def sheet() -> tuple[Image, NDArray[np.float32]]:
@@ -84,33 +88,6 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
     ceiling = _ceiling()
     texture[: ceiling.shape[0], CEILING_AT[0] : CEILING_AT[0] + ceiling.shape[1]] = ceiling
     return texture, strips
-
-
-def sign(text: str) -> Image:
-    """Door sign, BGR."""
-    picture = np.full((80, 360, 3), (92, 66, 38), dtype=np.uint8)
-    _write(picture, text, colour=(250, 250, 250), share=0.5)
-    return picture
-
-
-def books(width_px: int, height_px: int, seed: int) -> Image:
-    """Front of a full bookshelf, BGR."""
-    chance = np.random.default_rng(seed)
-    picture = np.full((height_px, width_px, 3), (66, 96, 128), dtype=np.uint8)
-    boards = 5
-    board = height_px // boards
-    for row in range(boards):
-        picture[row * board : (row + 1) * board - 5, 5:-5] = (38, 52, 66)
-        x = 8
-        while x < width_px - 16:
-            thick = int(chance.integers(7, 17))
-            high = int(board * chance.uniform(0.55, 0.85))
-            colour = [int(value) for value in chance.integers(50, 190, 3)]
-            bottom = (row + 1) * board - 6
-            if chance.random() < 0.86:
-                cv2.rectangle(picture, (x, bottom - high), (x + thick - 2, bottom), colour, cv2.FILLED)
-            x += thick
-    return picture
 
 
 def _floor(grain: np.random.Generator) -> Image:
@@ -204,50 +181,26 @@ def _hang(strip: Image, poster: Poster, wall: Box, side: str, start_m: float) ->
     position, depth = (poster.x_m, poster.y_m) if along_x else (poster.y_m, poster.x_m)
     if poster.facing_deg != facing or abs(depth - _surface_m(wall, side)) > 0.1:
         return
-    width, height = round(poster.width_m * PX_PER_M), round(poster.height_m * PX_PER_M)
+    picture = shipped_image(f"pictures/{poster.picture}.png")
+    height, width = picture.shape[:2]
     left = round((position - start_m - poster.width_m / 2) * PX_PER_M)
     top = round((WALL_HEIGHT_M - poster.middle_height_m - poster.height_m / 2) * PX_PER_M)
     if left < 0 or left + width > strip.shape[1]:
         return
-    picture = _poster(poster, width, height)
     # seen from the east or the north the axis runs from right to left
     strip[top : top + height, left : left + width] = picture[:, ::-1] if side in ("west", "north") else picture
 
 
-def _poster(poster: Poster, width: int, height: int) -> Image:
-    picture = np.full((height, width, 3), (240, 242, 242), dtype=np.uint8)
-    accent = _ACCENTS[sum(map(ord, poster.text)) % len(_ACCENTS)]
-    if poster.kind == "window":
-        sky = np.linspace(0.0, 1.0, height, dtype=np.float32)[:, None, None]
-        picture[:] = (np.array((236, 214, 186)) * (1 - sky) + np.array((226, 236, 238)) * sky).astype(np.uint8)
-        picture[int(height * 0.72) :] = (120, 160, 140)
-        cv2.rectangle(picture, (0, 0), (width - 1, height - 1), (246, 246, 246), 8)
-        cv2.line(picture, (width // 2, 0), (width // 2, height), (246, 246, 246), 5)
-    elif poster.kind == "screen":
-        picture[:] = (70, 54, 44)
-        cv2.rectangle(picture, (0, 0), (width - 1, height - 1), (24, 24, 24), 8)
-        for line in range(4):
-            y = int(height * (0.45 + 0.12 * line))
-            cv2.line(picture, (width // 8, y), (width * (7 - line) // 8, y), (190, 180, 170), 3)
-        _write(picture[: height * 2 // 5], poster.text, colour=(240, 240, 240), share=0.5)
-    elif poster.kind == "sign":
-        picture[:] = (92, 66, 38)
-        _write(picture, poster.text, colour=(250, 250, 250), share=0.5)
-    else:
-        picture[: height * 2 // 3] = accent
-        cv2.circle(picture, (width // 3, height // 3), min(width, height) // 6, (236, 236, 236), -1, cv2.LINE_AA)
-        cv2.line(picture, (0, height // 2), (width, height // 4), (226, 230, 232), 5, cv2.LINE_AA)
-        _write(picture[height * 2 // 3 :], poster.text, colour=(50, 50, 50), share=0.4)
-        cv2.rectangle(picture, (0, 0), (width - 1, height - 1), (70, 70, 70), 2)
-    return picture
-
-
-def _write(picture: Image, text: str, *, colour: tuple[int, int, int], share: float) -> None:
+def sign(text: str) -> Image:
+    """Door sign, BGR."""
+    picture = np.full((80, 360, 3), (92, 66, 38), dtype=np.uint8)
     height, width = picture.shape[:2]
     (text_width, text_height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 2)
-    scale = min(height * share / max(text_height, 1), width * 0.88 / max(text_width, 1))
+    scale = min(height * 0.5 / max(text_height, 1), width * 0.88 / max(text_width, 1))
     at = (int((width - text_width * scale) / 2), int((height + text_height * scale) / 2))
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, max(1, round(scale * 2)), cv2.LINE_AA)
+    thickness = max(1, round(scale * 2))
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, (250, 250, 250), thickness, cv2.LINE_AA)
+    return picture
 
 
 def _room_colour(x_m: float, y_m: float) -> tuple[int, int, int]:
@@ -353,8 +306,7 @@ def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
 
 def person_sprites() -> list[Image]:
     """Photo sprites of people: BGRA with premultiplied alpha, uint8, shape (640, width, 4)."""
-    contents = (np.fromfile(shipped_file(f"person-{number}.png"), np.uint8) for number in (1, 2, 3))
-    return [np.asarray(cv2.imdecode(content, cv2.IMREAD_UNCHANGED)) for content in contents]
+    return [shipped_image(f"person-{number}.png") for number in (1, 2, 3)]
 
 
 class Painter:
@@ -671,13 +623,12 @@ def _lintels() -> list[_Thing]:
 
 def _furniture() -> list[_Thing]:
     things = []
-    for number, piece in enumerate(FURNITURE):
+    for piece in FURNITURE:
         decals: tuple[_Decal, ...] = ()
         if piece.name in ("bookshelf", "book wall", "tool shelf"):
             box = piece.footprint
+            front = shipped_image(f"pictures/{piece.name.replace(' ', '-')}.png")
             long_x = box.x1_m - box.x0_m > box.y1_m - box.y0_m
-            width_m = max(box.x1_m - box.x0_m, box.y1_m - box.y0_m)
-            picture = books(round(width_m * 150), round(box.high_m * 150), number)
-            decals = tuple(_Decal(side, picture) for side in (("south", "north") if long_x else ("west", "east")))
+            decals = tuple(_Decal(side, front) for side in (("south", "north") if long_x else ("west", "east")))
         things.append(_Thing(piece.footprint, piece.parts, decals))
     return things

@@ -172,10 +172,7 @@ def robot_model_named(
     holonomic
         Also for robots whose wheels do not allow it, to practise.
 
-    Raises
-    ------
-    UnknownRobotModel
-        Otherwise.
+    Raises UnknownRobotModel otherwise.
     """
     cut = _models().get(name)
     if cut is None:

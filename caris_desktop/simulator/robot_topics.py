@@ -171,9 +171,9 @@ class RobotTopics:
         ros: RosContext,
         *,
         muted: bool,
-        simulation_time: bool = False,
-        maps: MapFiles | None = None,
-        lines: Sequence[str] = (),
+        simulation_time: bool,
+        maps: MapFiles,
+        lines: Sequence[str],
     ) -> None:
         """``lines`` are a participant's sentences, one after each utterance of the robot."""
         self._ros = ros
@@ -184,7 +184,7 @@ class RobotTopics:
         self.camera_topic: str | None = None
         self._head = HeadOnRos(ros)
         self._offer_sensors()  # before the map, which a scan changes
-        MapOnRos(ros, maps or MapFiles())
+        MapOnRos(ros, maps)
         if ros.model.navigation is not None:
             NavigationTopics(ros, ros.model.navigation)
         self.voice: Voice | None = None

@@ -5,7 +5,7 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import field
-from typing import Any, Protocol
+from typing import Any
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros import action_messages
@@ -159,19 +159,6 @@ OnCancel = Callable[[str], None]
 """Receives the id to cancel, empty for all goals."""
 
 
-class ActionServer(Protocol):
-    """Server of one action. Statuses are those of actionlib_msgs/GoalStatus in either ROS."""
-
-    def accept(self, goal_id: str) -> None:
-        """Mark the goal as active."""
-
-    def progress(self, status: GoalStatus, feedback: Message) -> None:
-        """Publish the goal's feedback."""
-
-    def finish(self, status: GoalStatus, result: Message) -> None:
-        """Finish the goal with a result."""
-
-
 class ActionlibServer:
     """Action server of ROS 1: goal and cancel in, status, feedback and result out.
 
@@ -195,13 +182,16 @@ class ActionlibServer:
         ros.every(_STATUS_EVERY_STEPS, self._publish_status)
 
     def accept(self, goal_id: str) -> None:
+        """Mark the goal as active."""
         self._set_status(GoalStatus(goal_id, action_messages.ACTIVE))
 
     def progress(self, status: GoalStatus, feedback: Message) -> None:
+        """Publish the goal's feedback."""
         message = action_messages.encode_action_feedback(status, feedback, stamp_ns=self._ros.stamp_ns())
         self._ros.publish(self._feedback, message)
 
     def finish(self, status: GoalStatus, result: Message) -> None:
+        """Finish the goal with a result."""
         # the status first: for a client a goal is finished once it has both
         self._set_status(status)
         message = action_messages.encode_action_result(status, result, stamp_ns=self._ros.stamp_ns())
@@ -323,6 +313,10 @@ class Ros2ActionServer:
     def _goal_info(self, goal_id: str) -> Message:
         uuid = list(self._uuids.get(goal_id, bytes(16)))
         return {"goal_id": {"uuid": uuid}, "stamp": encode_time(Dialect.ROS2, self._ros.stamp_ns())}
+
+
+ActionServer = ActionlibServer | Ros2ActionServer
+"""Server of one action. Statuses are those of actionlib_msgs/GoalStatus in either ROS."""
 
 
 def _uuid_in(arguments: Message) -> bytes | None:

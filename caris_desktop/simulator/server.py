@@ -262,7 +262,7 @@ class LineLog:
         self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
 
 
-# Access control: rosauth's signed authentication, and TLS certificates.
+# Access control: rosauth's signed authentication.
 
 SECRET_CHARS = 16
 """The length that rosauth demands of its secret."""
@@ -277,10 +277,7 @@ def authentication_code(secret: str, *, client: str, dest: str, rand: str, time_
 def introduces_itself(operation: dict[str, Any], secret: str, *, now_s: float) -> bool:
     """True if an ``auth`` operation is signed with ``secret``, current, and not expired.
 
-    Raises
-    ------
-    MessageError
-        When a field is missing or is no text or number.
+    Raises MessageError when a field is missing or is no text or number.
     """
     what = "auth"
     time_s, end_s = number(operation, "t", what), number(operation, "end", what)
@@ -298,19 +295,6 @@ def introduces_itself(operation: dict[str, Any], secret: str, *, now_s: float) -
         raise MessageError("auth.mac must be hexadecimal digits")
     of_this_moment = abs(now_s - time_s) <= _CLOCKS_DIFFER_AT_MOST_S and time_s < end_s
     return hmac.compare_digest(code, given.lower()) and of_this_moment
-
-
-def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """TLS context of the server.
-
-    Raises
-    ------
-    OSError, ssl.SSLError
-        When the files cannot be read, or are no certificate and its key.
-    """
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
-    return context
 
 
 logger = logging.getLogger(__name__)
@@ -468,13 +452,7 @@ class BridgeServer:
         self._server: Server | None = None
 
     async def start(self, host: str, port: int, *, tls: ssl.SSLContext | None = None) -> int:
-        """Listen, and return the port; 0 selects a free one.
-
-        Raises
-        ------
-        OSError
-            When the address cannot be used.
-        """
+        """Listen, and return the port; 0 selects a free one. Raises OSError when the address cannot be used."""
         self._server = await serve(
             self._serve_client,
             host,
@@ -964,10 +942,7 @@ class ClientWire:
     async def send(self, message: str | bytes, of: Published | None = None) -> None:
         """Send, or queue on the slow link when there is space; ``of`` is the message that this piece completes.
 
-        Raises
-        ------
-        Exception
-            What the socket raises, also when that happened to an earlier message.
+        Raises what the socket raises, also when that happened to an earlier message.
         """
         if self._rate_bytes_s() is None and not self._held_bytes:
             await self._socket.send(message)

@@ -9,12 +9,14 @@ import os
 import signal
 import ssl
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.address import before_port
+from caris_desktop.domain.certificates import WrongFilesError, server_context
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator import robot_models
 from caris_desktop.simulator.characters import CHARACTERS
@@ -23,7 +25,7 @@ from caris_desktop.simulator.robot_models import RobotInterface
 from caris_desktop.simulator.robot_simulation import RATE_HZ, Robot, View
 from caris_desktop.simulator.robot_topics import RobotTopics
 from caris_desktop.simulator.ros_context import RobotClock, RosContext, offer_rosapi
-from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, LineLog, tls_context
+from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, LineLog
 from caris_desktop.simulator.simulated_base import STEP_S
 from caris_desktop.simulator.simulated_camera_process import CameraProcess
 from caris_desktop.simulator.simulated_mapping import MapFiles
@@ -147,11 +149,12 @@ def run(args: argparse.Namespace) -> int:
         robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
         clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
         tls = _tls_of(args)
-        with contextlib.ExitStack() as logs, contextlib.suppress(KeyboardInterrupt):
-            server = _server_of(args, model, clock, logs)
+        with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
+            server = _server_of(args, model, clock, opened)
             ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
-            return asyncio.run(_simulate(args, ros, tls, lines))
-    except (_CannotStart, BadSentences, BadVisits, robot_models.UnknownRobotModel) as error:
+            maps = MapFiles(args.maps_folder or Path(opened.enter_context(_temporary_folder())))
+            return asyncio.run(_simulate(args, ros, tls, lines, maps))
+    except (_CannotStart, BadSentences, BadVisits, WrongFilesError, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
@@ -173,12 +176,7 @@ def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
 def _tls_of(args: argparse.Namespace) -> ssl.SSLContext | None:
     if (args.tls_cert is None) != (args.tls_key is None):
         raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
-    try:
-        return None if args.tls_cert is None else tls_context(args.tls_cert, args.tls_key)
-    except OSError as error:  # includes ssl.SSLError
-        raise _CannotStart(
-            f"The certificate {args.tls_cert} and the key {args.tls_key} cannot be used: {error}."
-        ) from error
+    return server_context(args.tls_cert, args.tls_key)
 
 
 def _server_of(
@@ -220,14 +218,19 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
     return None if args.visits is None else read_visits(args.visits)
 
 
-async def _simulate(args: argparse.Namespace, ros: RosContext, tls: ssl.SSLContext | None, lines: Sequence[str]) -> int:
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
+
+
+async def _simulate(
+    args: argparse.Namespace, ros: RosContext, tls: ssl.SSLContext | None, lines: Sequence[str], maps: MapFiles
+) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    maps = MapFiles(args.maps_folder)
     topics = RobotTopics(ros, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
     offer_rosapi(ros.server, ros.dialect, clock=ros.clock)
     try:
@@ -265,7 +268,6 @@ async def _simulate(args: argparse.Namespace, ros: RosContext, tls: ssl.SSLConte
     desk.stop()
     camera.close()
     await ros.server.stop()
-    maps.close()
     return 0
 
 

@@ -27,13 +27,7 @@ class CameraProcess:
         self._one_at_a_time = asyncio.Lock()
 
     async def picture(self, view: View | None) -> bytes:
-        """JPEG of ``view``, or a black one.
-
-        Raises
-        ------
-        EOFError
-            When the child process died.
-        """
+        """JPEG of ``view``, or a black one. Raises EOFError when the child process died."""
         async with self._one_at_a_time:
             return await asyncio.to_thread(self._ask, view)
 

@@ -3,7 +3,6 @@
 import io
 import math
 import re
-import tempfile
 import zipfile
 import zlib
 from pathlib import Path
@@ -106,13 +105,7 @@ class Mapper:
         return self._evidence.copy(), self._known.copy()
 
     def restore(self, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> None:
-        """Restore a snapshot.
-
-        Raises
-        ------
-        ValueError
-            When it is not one of this building.
-        """
+        """Restore a snapshot. Raises ValueError when it is not one of this building."""
         if evidence.shape != (HEIGHT, WIDTH) or known.shape != (HEIGHT, WIDTH):
             raise ValueError(f"the map is not {WIDTH} x {HEIGHT} cells")
         self._evidence = np.clip(evidence, -_LIMIT, _LIMIT).astype(np.int16)
@@ -121,10 +114,7 @@ class Mapper:
     def replace(self, cells: NDArray[np.int8]) -> None:
         """Use a finished map: int8, shape (HEIGHT, WIDTH), -1 unknown, 0 free, 100 occupied.
 
-        Raises
-        ------
-        ValueError
-            When it has another size.
+        Raises ValueError when it has another size.
         """
         self.restore(np.where(cells > 50, _LIMIT, -_LIMIT).astype(np.int16), cells >= 0)
 
@@ -151,23 +141,10 @@ class NoSuchMap(MapFileError):  # noqa: N818 - it is an answer to the caller, no
 
 
 class MapFiles:
-    """Maps in ``folder``, created with the first map; without one in a temporary folder."""
+    """Maps in ``folder``, created with the first map."""
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
-
-    @property
-    def folder(self) -> Path:
-        if self._folder is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
-            self._folder = Path(self._temporary.name)
-        return self._folder
-
-    def close(self) -> None:
-        """Remove the temporary folder, if any."""
-        if self._temporary is not None:
-            self._temporary.cleanup()
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.resolve()
 
     def save_picture(self, name: str, cells: NDArray[np.int8]) -> Path:
         """Write NAME.pgm and NAME.yaml; return the latter. ``cells`` is int8, row 0 at the bottom."""
@@ -201,8 +178,7 @@ class MapFiles:
             raise MapFileError(f"{path.name} is not a map description: {error}") from error
         if not isinstance(description, dict) or not isinstance(description.get("image"), str):
             raise MapFileError(f"{path.name} does not name its image")
-        within = path.parent.relative_to(self.folder.resolve())
-        picture_path = self._path(str(within / description["image"]))
+        picture_path = self._path(str(path.parent.relative_to(self._folder) / description["image"]))
         try:
             picture = _grey(self._read(picture_path))
         except PictureError as error:
@@ -235,14 +211,13 @@ class MapFiles:
             raise MapFileError(f"{path.name} cannot be read: {error}") from error
 
     def _path(self, name: str) -> Path:
-        folder = self.folder.resolve()
         if len(name) > _MOST_CHARS or _NAME.fullmatch(name) is None:
             raise MapFileError(
                 "a map name can only contain letters, digits, spaces, '_', '-', '.' and '/', and must not "
                 "start with a dot"
             )
-        path = (folder / name).resolve()
-        if not path.is_relative_to(folder) or path == folder:
+        path = (self._folder / name).resolve()
+        if not path.is_relative_to(self._folder) or path == self._folder:
             raise MapFileError(f"'{name}' is outside the folder of the maps")
         return path
 

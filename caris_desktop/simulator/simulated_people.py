@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.characters import CHARACTERS, Appearance
+from caris_desktop.simulator.shipped_data import built, shipped_data
 from caris_desktop.simulator.simulated_base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.simulated_base import clearance_m
 from caris_desktop.simulator.simulated_navigation import Point, in_sight, plan
@@ -23,6 +24,7 @@ _WALK_CLEARANCE_M = 0.3
 _PERSONAL_SPACE_M = 0.65
 _VISIT_M = 2.0
 _TURNS_EVERY_S = 4.0
+_STAYS_S = 20.0
 OUTSIDE: Point = (2.55, -0.95)
 """In the porch behind the entrance door, where nobody is seen."""
 
@@ -49,7 +51,7 @@ class Visit(Value):
 
     person: int
     comes_s: float
-    stays_s: float = 20.0
+    stays_s: float = _STAYS_S
     clothes: int = 0
 
 
@@ -57,28 +59,23 @@ class BadVisits(ValueError):  # noqa: N818 - the file does not say what it shoul
     """Unusable file of visits, with the reason."""
 
 
-def visits_by_chance(
-    people: int, seed: int, *, rounds: int = 20, at_once: int = 3, stays_s: float = 20.0
-) -> list[Visit]:
-    """Random visits: everybody once per round, in random order and the same clothes; about ``at_once`` at a time."""
+def visits_by_chance(people: int, seed: int, *, rounds: int = 20) -> list[Visit]:
+    """Random visits: everybody once per round, in random order and the same clothes; about three at a time."""
     chance = random.Random(f"{seed}/visits")  # noqa: S311 - walks, no secrets
     visits, comes_s = [], 1.0
     for _ in range(rounds):
         for person in chance.sample(range(people), people):
-            visits.append(Visit(person, comes_s, stays_s * chance.uniform(0.8, 1.2)))
+            visits.append(Visit(person, comes_s, _STAYS_S * chance.uniform(0.8, 1.2)))
             # about ten seconds each on the way in and out
-            comes_s += (stays_s + 20.0) / at_once * chance.uniform(0.8, 1.2)
-        comes_s += stays_s
+            comes_s += (_STAYS_S + 20.0) / 3 * chance.uniform(0.8, 1.2)
+        comes_s += _STAYS_S
     return visits
 
 
 def read_visits(path: Path) -> list[Visit]:
     """Visits from a table with the columns person (1 to 20), comes_s, stays_s and clothes (1 or 2).
 
-    Raises
-    ------
-    BadVisits
-        Where it is not such a table.
+    Raises BadVisits where it is not such a table.
     """
     try:
         with path.open(newline="", encoding="utf-8") as table:
@@ -115,30 +112,7 @@ class _Role(Value):
         return None if self.visit is None else Appearance(self.visit.person, self.visit.clothes)
 
 
-_ROLES = (
-    _Role(0, 1.76, 1.1, (4.3, 3.2), ((OUTSIDE, 12.0),), visits_robot=True),
-    _Role(
-        1,
-        1.72,
-        1.0,
-        (9.8, 2.9),
-        (((9.2, 1.4), 14.0), ((10.2, 5.0), 4.0), ((14.6, 3.5), 15.0), ((12.6, 1.95), 2.0), ((11.5, 2.9), 9.0)),
-    ),
-    _Role(
-        2,
-        1.80,
-        1.2,
-        (12.4, 7.4),
-        (
-            ((13.6, 8.6), 10.0),
-            ((7.9, 4.8), 3.0),
-            ((2.9, 3.4), 8.0),
-            (OUTSIDE, 14.0),
-            ((5.2, 3.3), 6.0),
-            ((11.4, 7.3), 9.0),
-        ),
-    ),
-)
+_ROLES: tuple[_Role, ...] = built(tuple[_Role, ...], shipped_data("people.yaml"))
 
 
 class _Person:

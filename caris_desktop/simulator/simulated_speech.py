@@ -72,8 +72,8 @@ class Microphone:
     ``leak`` is the level of the robot's own voice, ``noise`` of the room; both as factors of full scale.
     """
 
-    def __init__(self, seed: int = 1) -> None:
-        self._random = np.random.default_rng(seed)
+    def __init__(self) -> None:
+        self._random = np.random.default_rng(1)
         self._sounds: list[_Sound] = []
         self.leak = 0.5
         self.noise = _NOISE
@@ -91,11 +91,6 @@ class Microphone:
     def silence_voice(self) -> None:
         """The robot's loudspeaker stops."""
         self._sounds = [each for each in self._sounds if each.source != "robot"]
-
-    @property
-    def spoken_to(self) -> bool:
-        """True while a person in front of the robot speaks."""
-        return any(each.source == "participant" for each in self._sounds)
 
     def take(self, count: int) -> NDArray[np.int16]:
         """Next samples, shape (count, 1)."""

@@ -12,12 +12,12 @@ import pytest
 from caris_desktop.domain.events import EmergencyStopChanged, PlacesChanged, Problem, TopicTraffic, TrafficMeasured
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.json_encoding import (
-    DERIVED,
-    derived_schema,
+    TRANSFORMS_TOPIC,
     from_message,
     recorded_schema,
     schema_of,
     to_message,
+    transforms_schema,
 )
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import (
@@ -183,7 +183,7 @@ def plain_properties(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
             yield from plain_properties(inner)
 
 
-@pytest.mark.parametrize("topic", [*(f"/{spec.name}" for spec in STREAMS), *(derived.topic for derived in DERIVED)])
+@pytest.mark.parametrize("topic", [*(f"/{spec.name}" for spec in STREAMS), TRANSFORMS_TOPIC])
 def test_no_viewer_gives_up_on_a_channel(topic: str) -> None:
     """Rules of the JSON Schema readers of Foxglove and Lichtblick: each property has one plain type, an object has
     properties, a list has items of one plain type, and base64 stands for bytes.
@@ -220,7 +220,7 @@ def test_the_moment_is_that_of_the_message() -> None:
     assert message["points"][0]["points"] == [
         {"x": 10.0, "y": 20.0}, {"x": 40.0, "y": 20.0}, {"x": 40.0, "y": 60.0}, {"x": 10.0, "y": 60.0}
     ]  # fmt: skip
-    assert derived_schema(DERIVED[0])[0] == "foxglove.FrameTransforms"
+    assert transforms_schema()[0] == "foxglove.FrameTransforms"
 
 
 @pytest.mark.parametrize(

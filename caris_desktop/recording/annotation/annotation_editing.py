@@ -19,6 +19,7 @@ from caris_desktop.recording.annotation.annotation_model import (
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.session.media_files import free_name
 
 MOMENT_MS = 200
 """ELAN has stretches only: so long is what has no length."""
@@ -321,10 +322,10 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
             vocabularies[vocabulary.name] = vocabulary if before is None else _united(before, vocabulary)
         new_ids = {}
         for tier in document.tiers:
-            new_ids[tier.tier_id] = tier_id = untaken(tier.tier_id, tiers)
+            new_ids[tier.tier_id] = tier_id = free_name(tier.tier_id, "", tiers.__contains__)
             tiers[tier_id] = replace(tier, tier_id=tier_id)
         for item in document.annotations:
-            annotation_id = untaken(item.annotation_id, taken)
+            annotation_id = free_name(item.annotation_id, "", taken.__contains__)
             taken.add(annotation_id)
             annotations.append(replace(item, annotation_id=annotation_id, tier_id=new_ids[item.tier_id]))
     return sorted_document(
@@ -349,14 +350,10 @@ def merge_imported(document: AnnotationDocument, imported: AnnotationDocument) -
     back = {tier.tier_id for tier in imported.tiers if tier.coder and (tier.coder, tier.tier_id) in known}
     rest = document.only(lambda tier: tier.tier_id not in back)
     tiers: list[Tier] = []
-    taken = {(tier.coder, tier.name) for tier in rest.tiers}
     for tier in imported.tiers:
         if tier.coder:
-            name, number = tier.name, 2
-            while (tier.coder, name) in taken:
-                name, number = f"{tier.name} ({number})", number + 1
-            taken.add((tier.coder, name))
-            tiers.append(replace(tier, name=name))
+            taken = {other.name for other in (*rest.tiers, *tiers) if other.coder == tier.coder}
+            tiers.append(replace(tier, name=free_name(tier.name, "", taken.__contains__, number_as=" ({})")))
     if not tiers:
         raise AnnotationError(QT_TR_NOOP("The file contains no coder's tiers, so nothing was imported."))
     used = {tier.vocabulary for tier in tiers}
@@ -606,14 +603,6 @@ def next_id(prefix: str, taken: Iterable[str]) -> str:
     """Next numbered id. It is higher than all present ones, so that an id keeps its meaning for people."""
     numbers = [item[len(prefix) :] for item in taken if item.startswith(prefix)]
     return f"{prefix}{max((int(number) for number in numbers if number.isascii() and number.isdigit()), default=0) + 1}"
-
-
-def untaken(name: str, taken: Iterable[str]) -> str:
-    taken = taken if isinstance(taken, (set, dict)) else set(taken)
-    candidate, number = name, 2
-    while candidate in taken:
-        candidate, number = f"{name}-{number}", number + 1
-    return candidate
 
 
 def quoted(text: str) -> str:

@@ -80,10 +80,7 @@ def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -
     fractions; for integers the unit is inferred from the lengths of the annotations. BORIS tables (aggregated and
     tabular) yield one tier per behaviour and subject. A row without a length is a point event.
 
-    Raises
-    ------
-    AnnotationError
-        For people; names the line.
+    Raises AnnotationError, whose text is for people and names the line.
     """
     content = file_content(path)
     try:
@@ -532,10 +529,7 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
     coder. Time slots without a value are spread evenly between known ones, and annotations that refer to others share
     their time. Values that a vocabulary lacks are added to it, as ELAN displays them too.
 
-    Raises
-    ------
-    AnnotationError
-        If the file cannot be read or breaks the rules of annotations; the text is for people.
+    Raises AnnotationError if the file cannot be read or breaks the rules of annotations; the text is for people.
     """
     content = file_content(path)
     try:

@@ -110,11 +110,8 @@ def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = N
 def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
     """Write the tiers of ``coder`` atomically into the session in ``folder``; return the path.
 
-    Raises
-    ------
-    AnnotationError
-        If the tiers break the rules, the disk does not take them, or the coder's file is there and damaged: it stays
-        as it is then.
+    Raises AnnotationError if the tiers break the rules, the disk does not take them, or the coder's file is there and
+    damaged: it stays as it is then.
     """
     mine = sorted_document(tiers_of_coder(document, coder))
     check_document(mine)

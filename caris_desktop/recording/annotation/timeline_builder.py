@@ -4,7 +4,7 @@ import logging
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.session.media_files import wav_layout
+from caris_desktop.recording.session.media_files import WavReader
 from caris_desktop.recording.session.session_conversation import SpokenUtterance
 from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_marks import FinalMark
@@ -30,24 +30,21 @@ BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000
 _POSE_EVERY_NS = 200_000_000  # the speed between closer poses is mostly noise
 _LONGEST_STEP_NS = 2_000_000_000
-_READ_SAMPLES = 1 << 20
 _LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not exhaust memory
 _SPEAKERS = {"participant": QT_TR_NOOP("participant"), "robot": QT_TR_NOOP("robot"), "wizard": QT_TR_NOOP("wizard")}
 _MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note"), "mark": QT_TR_NOOP("Mark")}
 _log = logging.getLogger(__name__)
 
 
-def build_overview(session: Session, progress: Callable[[float], None] | None = None) -> SessionOverview:
-    """Build the overview. Any thread; ``progress`` gets 0..1 and may raise to cancel. Raises SessionError.
+def build_overview(session: Session) -> SessionOverview:
+    """Build the overview. Raises SessionError.
 
     Reads events, odometry (else poses, else commands) and the audio index; skips scans, maps and video. An unreadable
     audio file is logged and left out.
     """
-    tell = progress or (lambda _fraction: None)
     data, speed, sound = SessionData(session), _Speed(session.started_ns), _Sound(session)
-    whole_ns = max(1, session.ended_ns - session.started_ns)
     streams = [BY_TYPE[kind].name for kind in types_of_tiers()]
-    for number, (_, value) in enumerate(session.values(*streams, "odometry", "pose", "audio")):
+    for _, value in session.values(*streams, "odometry", "pose", "audio"):
         match value:
             case Odometry() | RobotPose():
                 speed.add(value)
@@ -57,10 +54,6 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
                 data.add(value)
                 if isinstance(value, CommandSent):
                     speed.add(value)
-        if number % 2000 == 0:
-            tell(0.7 * min(1.0, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
-    waveforms = tuple(sound.waveforms(lambda fraction: tell(0.7 + 0.25 * fraction)))
-    tiers = tiers_of(data)
     moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in data.marks]
     moments += [
         Moment("utterance", item.start_ns, _said(item))
@@ -68,8 +61,9 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
         if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
-    tell(1.0)
-    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), data.steps)
+    return SessionOverview(
+        tiers_of(data), tuple(moments), tuple(sound.waveforms()), speed.curve(), _cameras(session), data.steps
+    )
 
 
 def run_overview(connection: Connection, session: Session) -> None:
@@ -150,9 +144,8 @@ class _Sound:
         if block.sample_rate_hz > 0 and block.sample_count > 0 and block.first_sample >= 0 and within:
             track.blocks.append((block.stamp_ns, block.first_sample, block.sample_count, block.sample_rate_hz))
 
-    def waveforms(self, progress: Callable[[float], None]) -> Iterator[Waveform]:
-        for number, track in enumerate(self._tracks.values()):
-            progress(number / len(self._tracks))
+    def waveforms(self) -> Iterator[Waveform]:
+        for track in self._tracks.values():
             if track.blocks:
                 try:
                     yield _waveform(track, self._session.folder)
@@ -203,48 +196,3 @@ def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -
                 continue
         runs.append(block)
     return runs
-
-
-class WavReader:
-    """Samples of a 16-bit PCM WAV file, even if its header was never completed."""
-
-    def __init__(self, path: Path) -> None:
-        """Open the file. Raises OSError, and ValueError for another format."""
-        self._file = path.open("rb")
-        try:
-            wav, size_bytes = wav_layout(self._file), path.stat().st_size
-            self.channels, self.sample_rate_hz, self._offset = wav.channels, wav.sample_rate_hz, wav.offset_bytes
-            # A killed recording leaves a zero or too large length.
-            self.samples = min(wav.data_bytes or size_bytes, size_bytes - wav.offset_bytes) // (2 * wav.channels)
-        except BaseException:
-            self._file.close()
-            raise
-
-    def __enter__(self) -> "WavReader":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
-        """Yield (index, float32 in -1..1) of the loudest channel in pieces: ``count`` samples from ``first`` on."""
-        for content in self.read_bytes(first, count):
-            block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
-            loudest = block[:, 0]
-            if self.channels > 1:
-                loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
-            yield first, loudest.astype(np.float32) / np.float32(32768)
-            first += len(block)
-
-    def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
-        """Yield the raw samples of all channels in pieces."""
-        end = min(first + count, self.samples)
-        frame_bytes = 2 * self.channels
-        while first < end:
-            self._file.seek(self._offset + first * frame_bytes)
-            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
-            frames = len(content) // frame_bytes
-            if not frames:
-                return
-            yield content[: frames * frame_bytes]
-            first += frames

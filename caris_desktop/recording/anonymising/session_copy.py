@@ -15,7 +15,7 @@ from dataclasses import field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ from caris_desktop.recording.session.events_file import ATTACHMENT, copy_changed
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_files import (
     INDEX_SUFFIX,
-    WavLayout,
+    WavReader,
     index_path,
     wav_header,
 )
@@ -136,8 +136,6 @@ def _plain(text: str) -> str:
 
 # Change of the pitch of voices in WAV files.
 
-_BLOCK_SAMPLES = 1 << 16
-
 
 def write_sound(source: Path, target: Path, pitch: float = 1.0) -> None:
     """Rewrite a WAV file as samples alone, with the pitch of all voices multiplied by ``pitch``.
@@ -145,33 +143,19 @@ def write_sound(source: Path, target: Path, pitch: float = 1.0) -> None:
     Length and times do not change. ffmpeg's ``asetrate`` and ``atempo`` do it, since PyAV comes without ``rubberband``.
     Raises OSError, UnreadableMediaError.
     """
-    with source.open("rb") as old, target.open("wb") as new:
-        wav = media.sound_layout(old, source)
-        samples = max(0, source.stat().st_size - wav.offset_bytes) // wav.frame_bytes
-        if 0 < wav.data_bytes < samples * wav.frame_bytes:
-            samples = wav.data_bytes // wav.frame_bytes
-        new.write(wav_header(wav.channels, wav.sample_rate_hz, samples))
-        left = samples
-        blocks = _blocks(old, wav, samples)
+    with media.opened_sound(source) as wav, target.open("wb") as new:
+        new.write(wav_header(wav.channels, wav.sample_rate_hz, wav.samples))
+        left = wav.samples
+        pieces = wav.read_bytes(0, wav.samples)
+        blocks = (np.frombuffer(piece, "<i2").reshape(-1, wav.channels) for piece in pieces)
         for block in blocks if pitch == 1.0 else _changed(blocks, wav, pitch):
             part = block[:left]
             new.write(part.tobytes())
             left -= len(part)
-        new.write(bytes(left * wav.frame_bytes))
+        new.write(bytes(left * 2 * wav.channels))
 
 
-def _blocks(file: IO[bytes], wav: WavLayout, samples: int) -> Iterator[NDArray[np.int16]]:
-    file.seek(wav.offset_bytes)
-    while samples > 0:
-        data = file.read(min(samples, _BLOCK_SAMPLES) * wav.frame_bytes)
-        block = np.frombuffer(data[: len(data) // wav.frame_bytes * wav.frame_bytes], "<i2").reshape(-1, wav.channels)
-        if not len(block):
-            return
-        samples -= len(block)
-        yield block
-
-
-def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavLayout, pitch: float) -> Iterator[NDArray[np.int16]]:
+def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavReader, pitch: float) -> Iterator[NDArray[np.int16]]:
     import av
 
     rate, layout = wav.sample_rate_hz, {1: "mono", 2: "stereo"}.get(wav.channels, f"{wav.channels}c")

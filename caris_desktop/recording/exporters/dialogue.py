@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
+from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_conversation import LlmUse, SpokenUtterance
 from caris_desktop.recording.session.session_reader import Session
@@ -14,6 +15,10 @@ from caris_desktop.recording.tables.catalog import key_values
 TURNS_BEFORE = 20
 """A turn contains at most so many utterances before it."""
 _EDIT_WITHIN_NS = 5_000_000_000
+_OF_EXCHANGE = (
+    "exchange_id", "provider", "model", "model_version", "server", "seed", "parameters", "messages", "answer",
+    "outcome", "cut",
+)  # fmt: skip
 
 
 def write_dialogue(session: Session, path: Path) -> int:
@@ -96,18 +101,9 @@ def _as_heard(session: Session, utterance: SpokenUtterance, at_ns: int) -> dict[
 
 
 def _exchange(session: Session, exchange: LlmExchange, use: LlmUse) -> dict[str, Any]:
+    fields = to_jsonable(exchange)
     return {
-        "exchange_id": exchange.exchange_id,
-        "provider": exchange.provider,
-        "model": exchange.model,
-        "model_version": exchange.model_version,
-        "server": exchange.server,
-        "seed": exchange.seed,
-        "parameters": exchange.parameters,
-        "messages": [{"role": message.role, "content": message.content} for message in exchange.messages],
-        "answer": exchange.answer,
-        "outcome": exchange.outcome,
-        "cut": exchange.cut,
+        **{name: fields[name] for name in _OF_EXCHANGE},
         "asked_s": _seconds(session, exchange.asked_ns),
         "answered_s": _seconds(session, exchange.stamp_ns),
         "use": use,

@@ -24,9 +24,9 @@ from caris_desktop.recording.annotation.annotation_editing import merge_document
 from caris_desktop.recording.annotation.annotation_import import PROPERTY
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.annotation.timeline_builder import WavReader, sound_runs
+from caris_desktop.recording.annotation.timeline_builder import sound_runs
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.media_files import moments_words, wav_header
+from caris_desktop.recording.session.media_files import WavReader, free_name, moments_words, wav_header
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 
@@ -200,12 +200,8 @@ def _unique(texts: dict[str, str]) -> dict[str, str]:
     taken = {FREE_TEXT}
     unique = {}
     for key, text in texts.items():
-        text = candidate = plain_text(text)  # noqa: PLW2901 - the text as it can be written
-        number = 2
-        while candidate in taken:
-            candidate, number = f"{text} ({number})", number + 1
-        taken.add(candidate)
-        unique[key] = candidate
+        unique[key] = free_name(plain_text(text), "", taken.__contains__, number_as=" ({})")
+        taken.add(unique[key])
     return unique
 
 

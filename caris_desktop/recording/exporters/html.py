@@ -57,10 +57,10 @@ _UNKNOWN = (0x7A, 0x8A, 0x9B, 0x38)
 
 
 class Item(Value):
-    """Interval from ``start_s`` to ``end_s`` of the session, or a point event. ``look`` is its CSS class."""
+    """Interval on the timeline, or a point event without ``end_ns``. ``look`` is its CSS class."""
 
-    start_s: float
-    end_s: float | None
+    start_ns: int
+    end_ns: int | None
     look: str
     title: str
     shape: Shape = "bar"
@@ -105,43 +105,45 @@ def _step(span: float, most: int, steps: Sequence[float]) -> float:
 
 
 def time_line(
-    rows: Sequence[tuple[str, Sequence[Item]]], curve: Curve | None, shades: Sequence[Item], lasts_s: float
+    session: Session, rows: Sequence[tuple[str, Sequence[Item]]], curve: Curve | None, shades: Sequence[Item]
 ) -> list[Drawing]:
     """Timeline of the session as strips of about ten minutes; ``shades`` lie behind all rows."""
+    lasts_s = session.duration_s
     if lasts_s <= 0.0:
         return []
     strip_s = lasts_s
     if lasts_s > _ONE_STRIP_S:
         strip_s = max(600.0, math.ceil(lasts_s / 12 / 600.0) * 600.0)
     begins_s = (number * strip_s for number in range(max(1, math.ceil(lasts_s / strip_s - 1e-6))))
-    return [_strip(rows, curve, shades, begin_s, begin_s + strip_s, lasts_s) for begin_s in begins_s]
+    return [_strip(session, rows, curve, shades, begins_s=begin_s, ends_s=begin_s + strip_s) for begin_s in begins_s]
 
 
-def _strip(  # noqa: PLR0917 - the parts of a strip and its times
+def _strip(
+    session: Session,
     rows: Sequence[tuple[str, Sequence[Item]]],
     curve: Curve | None,
     shades: Sequence[Item],
+    *,
     begins_s: float,
     ends_s: float,
-    lasts_s: float,
 ) -> Drawing:
     def x(seconds: float) -> float:
         return _LABEL_PX + (min(max(seconds, begins_s), ends_s) - begins_s) / (ends_s - begins_s) * _PLOT_PX
 
     def placed(items: Sequence[Item]) -> list[Drawing]:
-        return [
-            {
-                "x": x(item.start_s),
-                "width": None if item.end_s is None else x(item.end_s) - x(item.start_s),
-                "look": item.look,
-                "title": item.title,
-                "shape": item.shape,
-            }
-            for item in items
-            if (item.start_s if item.end_s is None else item.end_s) >= begins_s and item.start_s < ends_s
-        ]
+        drawings = []
+        for item in items:
+            times_s = [session.clock.session_s(at_ns) for at_ns in (item.start_ns, item.end_ns) if at_ns is not None]
+            start_s, end_s = times_s[0], times_s[-1]
+            if end_s >= begins_s and start_s < ends_s:
+                width = None if item.end_ns is None else x(end_s) - x(start_s)
+                title = f"{' to '.join(map(clock_text, times_s))}  {item.title}"
+                drawings.append(
+                    {"x": x(start_s), "width": width, "look": item.look, "title": title, "shape": item.shape}
+                )
+        return drawings
 
-    until_s = min(ends_s, lasts_s)
+    until_s = min(ends_s, session.duration_s)
     step_s = _step(ends_s - begins_s, 12, (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400))
     first = math.ceil(begins_s / step_s)
     ticks_s = [step_s * number for number in range(first, math.floor((until_s + 1e-6) / step_s) + 1)]
@@ -411,8 +413,8 @@ def _report(data: SessionData, measures: Measures, grid: OccupancyGrid | None) -
     robots = data.of(RobotChosen)
     preflight = preflight_of(data.of(PreflightChecked))
     coding = _coding(session)
-    rows = [(name, [_item(session, *each) for each in spans]) for name, spans in _rows(data, measures, coding)]
-    shades = [_item(session, *pause, "pause", "Recording paused") for pause in data.pauses]
+    rows = list(_rows(data, measures, coding))
+    shades = [Item(*pause, "pause", "Recording paused") for pause in data.pauses]
     return {
         "name": session.folder.name,
         "trial": defaultdict(str, session.trial),
@@ -426,7 +428,7 @@ def _report(data: SessionData, measures: Measures, grid: OccupancyGrid | None) -
         "missing": list(data_quality_problems(data, measures)),
         "values": measures.values,
         "parts": defaultdict(dict, measures.parts),
-        "time_line": time_line(rows, _speed(data), shades, session.duration_s),
+        "time_line": time_line(session, rows, _speed(data), shades),
         "looks": {item.look for _, items in (*rows, ("", shades)) for item in items},
         "map": _map(data, measures, grid),
         "responses_s": measures.response_times_s,
@@ -487,17 +489,6 @@ def _problems(data: SessionData) -> list[Problem]:
 
 # Timeline
 
-_Span = tuple[int, int | None, str, str] | tuple[int, int | None, str, str, Shape]
-"""Start, end or None, look, title and shape."""
-
-
-def _item(  # noqa: PLR0917 - an item as it is drawn
-    session: Session, start_ns: int, end_ns: int | None, look: str, title: str, shape: Shape = "bar"
-) -> Item:
-    start_s, end_s = session.clock.session_s(start_ns), None if end_ns is None else session.clock.session_s(end_ns)
-    span = clock_text(start_s) if end_s is None else f"{clock_text(start_s)} to {clock_text(end_s)}"
-    return Item(start_s, end_s, look, f"{span}  {title}", shape)
-
 
 def _speed(data: SessionData) -> Curve | None:
     values = sorted(data.of(Odometry), key=attrgetter("stamp_ns"))
@@ -509,25 +500,29 @@ def _speed(data: SessionData) -> Curve | None:
     return Curve(f"Speed, up to {top_mps:.1f} m/s", seconds, speed_mps, top_mps)
 
 
-def _rows(data: SessionData, measures: Measures, coding: AnnotationDocument) -> Iterator[tuple[str, list[_Span]]]:
+def _rows(data: SessionData, measures: Measures, coding: AnnotationDocument) -> Iterator[tuple[str, list[Item]]]:
     """Rows of the timeline; some may be empty."""
     for speaker, name in _SPEAKERS.items():
-        yield name, [
-            (item.start_ns, item.end_ns, "filler" if item.origin == "filler" else _SPEAKER_LOOKS[speaker], item.text)
-            for item in data.utterances
-            if item.speaker == speaker and item.said and item.start_ns is not None
-        ]  # fmt: skip
+        look = _SPEAKER_LOOKS[speaker]
+        yield (
+            name,
+            [
+                Item(item.start_ns, item.end_ns, "filler" if item.origin == "filler" else look, item.text)
+                for item in data.utterances
+                if item.speaker == speaker and item.said and item.start_ns is not None
+            ],
+        )
     visits = ((visit, "late" if visit.late_s >= LATE_FROM_S else "step") for visit in data.step_visits)
-    yield "Protocol", [(visit.start_ns, visit.end_ns, look, visit.title) for visit, look in visits]
+    yield "Protocol", [Item(visit.start_ns, visit.end_ns, look, visit.title) for visit, look in visits]
     goals = ((goal, "failed-goal" if goal.label == "failed" else "navigated") for goal in measures.navigation)
     yield "Driving", [
-        *((drive.start_ns, drive.end_ns, "driven", _SOURCES.get(drive.source, drive.source)) for drive in data.drives),
-        *((goal.start_ns, goal.end_ns, look, f"Navigation, {goal.label}") for goal, look in goals),
+        *(Item(one.start_ns, one.end_ns, "driven", _SOURCES.get(one.source, one.source)) for one in data.drives),
+        *(Item(goal.start_ns, goal.end_ns, look, f"Navigation, {goal.label}") for goal, look in goals),
     ]  # fmt: skip
-    people: dict[str, list[_Span]] = {}
+    people: dict[str, list[Item]] = {}
     for visit in data.visits:
         name = f"Person {visit.number or visit.person_id}"
-        people.setdefault(name, []).append((visit.start_ns, visit.end_ns, "present", f"{name} is present"))
+        people.setdefault(name, []).append(Item(visit.start_ns, visit.end_ns, "present", f"{name} is present"))
     yield from list(people.items())[:_MAX_PEOPLE_ROWS]
     rest = [span for spans in list(people.values())[_MAX_PEOPLE_ROWS:] for span in spans]
     yield f"{len(people) - _MAX_PEOPLE_ROWS} more identities", rest
@@ -536,18 +531,18 @@ def _rows(data: SessionData, measures: Measures, coding: AnnotationDocument) -> 
     for tier in coding.tiers:
         coded = ((one, one.start_ms * 1_000_000, one.end_ms * 1_000_000) for one in coding.of_tier(tier.tier_id))
         started_ns = data.session.started_ns
-        yield tier.name, [(started_ns + start, started_ns + end, "coder", one.value) for one, start, end in coded]
+        yield tier.name, [Item(started_ns + start, started_ns + end, "coder", one.value) for one, start, end in coded]
     yield "Link, problems", [
-        *((one.start_ns, one.end_ns, "trouble", f"Link: {one.label}") for one in measures.link_trouble),
-        *((one.stamp_ns, None, "trouble", f"{one.what} {one.meaning}", "dot") for one in _problems(data)),
+        *(Item(one.start_ns, one.end_ns, "trouble", f"Link: {one.label}") for one in measures.link_trouble),
+        *(Item(one.stamp_ns, None, "trouble", f"{one.what} {one.meaning}", "dot") for one in _problems(data)),
     ]  # fmt: skip
 
 
-def _mark(mark: FinalMark) -> _Span:
+def _mark(mark: FinalMark) -> Item:
     looks: dict[str, tuple[str, Shape]] = {"wizard_error": ("error", "triangle"), "note": ("note", "dot")}
     look, shape = looks.get(mark.kind, ("mark", "diamond"))
     words = ": ".join(part for part in (mark_words(mark), mark.note) if part)
-    return mark.start_ns, mark.end_ns, look, words, shape
+    return Item(mark.start_ns, mark.end_ns, look, words, shape)
 
 
 def mark_words(mark: FinalMark) -> str:

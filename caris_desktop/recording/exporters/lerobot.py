@@ -103,11 +103,7 @@ def write_lerobot(
     Cameras, scans and the rate are those of all sessions: a camera that a session lacks is black and not observed, and
     scans are given in the beams of the first. ``warn`` gets a sentence on each session that was left out.
 
-    Raises
-    ------
-    OSError
-    SessionError
-        If no session could be read.
+    Raises OSError, and SessionError if no session could be read.
     """
     if len(sessions) == 1:
         dataset = _Writer(out, _layout_of(sessions[0]))

@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from caris_desktop import __version__
 from caris_desktop.domain.foxglove import INFINITE, INVALID
-from caris_desktop.domain.json_encoding import DERIVED_TOPICS, schema_of
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -200,7 +200,7 @@ def _packed_descriptions(session: Session, out: Path, context: ExportContext) ->
     recorded = {spec.name: channel for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
     specs = [spec for spec in BY_NAME.values() if spec.name in recorded]
     schemas = {spec.name: recorded[spec.name].json_schema or schema_of(spec)[1] for spec in specs}
-    schemas |= {its.topic[1:]: its.json_schema or {} for its in channels if its.topic in DERIVED_TOPICS}
+    schemas |= {its.topic[1:]: its.json_schema or {} for its in channels if its.topic == TRANSFORMS_TOPIC}
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "Description of the format of events.mcap and the other files."}
     write_page(

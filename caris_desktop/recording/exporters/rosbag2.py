@@ -41,6 +41,7 @@ from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, p
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
+from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, clock_summary, robot_clock
 from caris_desktop.recording.session.session_protocol import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session
@@ -384,10 +385,8 @@ class _Translator:
     def _name_of(self, camera: str) -> str:
         """Unique topic name of the camera."""
         if camera not in self._names:
-            name, number = _ros_name(camera), 2
-            while name in self._names.values():
-                name, number = f"{_ros_name(camera)}_{number}", number + 1
-            self._names[camera] = name
+            taken = set(self._names.values())
+            self._names[camera] = free_name(_ros_name(camera), "", taken.__contains__, number_as="_{}")
         return self._names[camera]
 
     def _fixed(self, frame: str, transform: Message) -> _Out:

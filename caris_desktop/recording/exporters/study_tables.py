@@ -148,11 +148,7 @@ _FORMAT, _FORMAT_VERSION = "caris-desktop study tables", 1
 def write_tables_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. ``context.warn`` gets a sentence on each session that was left out.
 
-    Raises
-    ------
-    OSError
-    SessionError
-        If no session could be read.
+    Raises OSError, and SessionError if no session could be read.
     """
     copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
     for name, original in copies.items():

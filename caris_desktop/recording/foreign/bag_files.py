@@ -15,11 +15,12 @@ import shutil
 import sqlite3
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, NamedTuple, Protocol
+from typing import IO, Any, NamedTuple
 from urllib.parse import quote
 
 from caris_desktop.domain.value_class import Value, dataclass
@@ -80,13 +81,13 @@ class ReadNotes:
             self.sentences.append(sentence)
 
 
-class Bag(Protocol):
-    """Bag reader. ``kind`` is for display."""
+class Bag(Value):
+    """Bag to be read. ``kind`` is for display; ``messages`` gives all messages in file order, and raises BagError and
+    OSError.
+    """
 
     kind: str
-
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        """All messages in file order. Raises BagError, OSError."""
+    messages: Callable[[ReadNotes], Iterator[BagMessage]]
 
 
 def is_probably_bag(path: Path) -> bool:
@@ -103,10 +104,7 @@ def is_probably_bag(path: Path) -> bool:
 def open_bag(path: Path, *, scratch: Path) -> Bag:
     """Open the bag at ``path``. ``scratch`` is a folder for decompressing whole files.
 
-    Raises
-    ------
-    BagError
-        If it is none that can be read.
+    Raises BagError if it is none that can be read.
     """
     try:
         if path.is_dir():
@@ -121,11 +119,11 @@ def open_bag(path: Path, *, scratch: Path) -> Bag:
     if not size_bytes:
         raise BagError(f"{path} is empty: it contains no recording.")
     if start.startswith(_ROS1_MAGIC):
-        return Ros1Bag(path)
+        return Bag("ROS 1 bag", partial(_ros1_messages, path))
     if start.startswith(_MCAP_MAGIC):
-        return McapBag(path)
+        return Bag("MCAP file", partial(_mcap_messages, path))
     if start.startswith(_SQLITE_MAGIC):
-        return SqliteBag(path)
+        return Bag("rosbag2 database", partial(_sqlite_messages, path))
     if start.startswith(b"#ROSBAG V1"):
         raise BagError(f"{path} is a bag in an old format. Update it with 'rosbag fix', then import it.")
     if start.startswith(_ZSTD_MAGIC):
@@ -162,127 +160,123 @@ def type_spelling(name: str) -> str:
 # ROS 1
 
 
-class Ros1Bag:
-    """ROS 1 bag, format 2.0. Read sequentially, so that truncated and unclosed bags work."""
+_MESSAGE, _HEADER, _CHUNK, _CONNECTION = 2, 3, 5, 7
 
-    kind = "ROS 1 bag"
-    _MESSAGE, _HEADER, _CHUNK, _CONNECTION = 2, 3, 5, 7
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+def _ros1_messages(path: Path, notes: ReadNotes) -> Iterator[BagMessage]:
+    """Messages of a ROS 1 bag, format 2.0. Read sequentially, so that truncated and unclosed bags work."""
+    size_bytes = path.stat().st_size
+    channels: dict[int, BagChannel] = {}
+    with path.open("rb") as file:
+        file.seek(len(_ROS1_MAGIC))
+        while True:
+            at = file.tell()
+            try:
+                record = _ros1_record(file, kinds=(_HEADER, _CHUNK, _CONNECTION, _MESSAGE))
+            except _CutError as error:
+                notes.add(f"The bag is truncated or damaged at byte {at} ({error}); the data before that was read.")
+                return
+            if record is None:
+                return
+            try:
+                yield from _ros1_messages_in(file, record, channels, notes, min(1.0, file.tell() / size_bytes))
+            except (_CutError, _TooLargeError) as error:
+                notes.add(f"The part of the bag at byte {at} is damaged ({error}); the rest of it was skipped.")
 
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        size_bytes = self._path.stat().st_size
-        channels: dict[int, BagChannel] = {}
-        with self._path.open("rb") as file:
-            file.seek(len(_ROS1_MAGIC))
-            while True:
-                at = file.tell()
-                try:
-                    record = self._next(file, kinds=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
-                except _CutError as error:
-                    notes.add(f"The bag is truncated or damaged at byte {at} ({error}); the data before that was read.")
-                    return
-                if record is None:
-                    return
-                try:
-                    yield from self._of_record(file, record, channels, notes, min(1.0, file.tell() / size_bytes))
-                except (_CutError, _TooLargeError) as error:
-                    notes.add(f"The part of the bag at byte {at} is damaged ({error}); the rest of it was skipped.")
 
-    def _of_record(
-        self,
-        file: IO[bytes],
-        record: tuple[dict[str, bytes], bytes, bool],
-        channels: dict[int, BagChannel],
-        notes: ReadNotes,
-        fraction: float,
-    ) -> Iterator[BagMessage]:
-        fields, data, is_whole = record
-        kind = fields["op"][0]
-        if kind == self._HEADER:
-            if not self._read_connections(file, fields, channels):
-                notes.add("The bag was never closed properly; it was read without its index.")
-        elif kind == self._CONNECTION:
-            self._connect(fields, data, channels)
-        elif kind == self._MESSAGE:
-            yield from self._message(fields, data, channels, fraction)
-        elif kind == self._CHUNK:
-            compressed = fields.get("compression", b"none") != b"none"
-            if not is_whole:
-                notes.add("The bag is truncated; everything before that point was read.")
-                if compressed:
-                    return
+def _ros1_messages_in(
+    file: IO[bytes],
+    record: tuple[dict[str, bytes], bytes, bool],
+    channels: dict[int, BagChannel],
+    notes: ReadNotes,
+    fraction: float,
+) -> Iterator[BagMessage]:
+    fields, data, is_whole = record
+    kind = fields["op"][0]
+    if kind == _HEADER:
+        if not _read_connections(file, fields, channels):
+            notes.add("The bag was never closed properly; it was read without its index.")
+    elif kind == _CONNECTION:
+        _connect(fields, data, channels)
+    elif kind == _MESSAGE:
+        yield from _ros1_message(fields, data, channels, fraction)
+    elif kind == _CHUNK:
+        compressed = fields.get("compression", b"none") != b"none"
+        if not is_whole:
+            notes.add("The bag is truncated; everything before that point was read.")
             if compressed:
-                data = _unfolded(data, fields["compression"].decode("ascii", "replace"), _u32(fields.get("size", b"")))
-            chunk = io.BytesIO(data)
-            while (inner := self._next(chunk, kinds=(self._CONNECTION, self._MESSAGE))) is not None:
-                if inner[0]["op"][0] == self._CONNECTION:
-                    self._connect(inner[0], inner[1], channels)
-                elif inner[0]["op"][0] == self._MESSAGE:
-                    yield from self._message(inner[0], inner[1], channels, fraction)
+                return
+        if compressed:
+            data = _unfolded(data, fields["compression"].decode("ascii", "replace"), _u32(fields.get("size", b"")))
+        chunk = io.BytesIO(data)
+        while (inner := _ros1_record(chunk, kinds=(_CONNECTION, _MESSAGE))) is not None:
+            yield from _ros1_messages_in(chunk, inner, channels, notes, fraction)
 
-    def _read_connections(self, file: IO[bytes], header: dict[str, bytes], channels: dict[int, BagChannel]) -> bool:
-        """Read the topic list at the end, since earlier connection records may be damaged. False without a list."""
-        index_at = int.from_bytes(header.get("index_pos", b"")[:8], "little")
-        before, listed = file.tell(), False
-        if not before <= index_at < 2**62:
-            return False
-        try:
-            file.seek(index_at)
-            while (record := self._next(file, kinds=(self._CONNECTION,))) is not None:
-                if record[0]["op"][0] != self._CONNECTION:
-                    break
-                self._connect(record[0], record[1], channels)
-                listed = True
-        except _CutError:
-            _log.debug("%s has no list of topics", self._path, exc_info=True)
-            return False
-        finally:
-            file.seek(before)
-        return listed
 
-    def _next(self, file: IO[bytes], *, kinds: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
-        """Next record, and whether it is complete; the data of unwanted ones is skipped.
+def _read_connections(file: IO[bytes], header: dict[str, bytes], channels: dict[int, BagChannel]) -> bool:
+    """Read the topic list at the end, since earlier connection records may be damaged. False without a list."""
+    index_at = int.from_bytes(header.get("index_pos", b"")[:8], "little")
+    before, listed = file.tell(), False
+    if not before <= index_at < 2**62:
+        return False
+    try:
+        file.seek(index_at)
+        while (record := _ros1_record(file, kinds=(_CONNECTION,))) is not None:
+            if record[0]["op"][0] != _CONNECTION:
+                break
+            _connect(record[0], record[1], channels)
+            listed = True
+    except _CutError:
+        _log.debug("a bag without a list of topics", exc_info=True)
+        return False
+    finally:
+        file.seek(before)
+    return listed
 
-        Only chunks may be truncated: they may still hold whole messages.
-        """
-        head = file.read(4)
-        if not head:
-            return None
-        fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
-        if len(fields.get("op", b"")) != 1:
-            raise _CutError("a record without a type")
-        length, kind = _u32(file.read(4)), fields["op"][0]
-        if kind not in kinds:
-            file.seek(length, io.SEEK_CUR)
-            return fields, b"", True
-        if kind != self._CHUNK:
-            return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES), True
-        if length > _MAX_CHUNK_BYTES:
-            raise _CutError(f"a record of {length} bytes")
-        data = file.read(length)
-        return fields, data, len(data) == length
 
-    def _connect(self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
-        connection = _ros1_fields(data)
-        channels[_u32(fields.get("conn", b""))] = BagChannel(
-            topic=_topic(fields.get("topic", b"").decode("utf-8", "replace")),
-            type=type_spelling(connection.get("type", b"").decode("utf-8", "replace")),
-            encoding="ros1",
-            definition=connection.get("message_definition", b"").decode("utf-8", "replace"),
-            definition_form="ros1msg",
-        )
+def _ros1_record(file: IO[bytes], *, kinds: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
+    """Next record, and whether it is complete; the data of unwanted ones is skipped.
 
-    def _message(
-        self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel], fraction: float
-    ) -> Iterator[BagMessage]:
-        channel = channels.get(_u32(fields.get("conn", b"")))
-        time = fields.get("time", b"")
-        if channel is None or len(time) != 8:
-            raise _CutError("a message without a topic")
-        seconds, nanoseconds = struct.unpack("<LL", time)
-        yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
+    Only chunks may be truncated: they may still hold whole messages.
+    """
+    head = file.read(4)
+    if not head:
+        return None
+    fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
+    if len(fields.get("op", b"")) != 1:
+        raise _CutError("a record without a type")
+    length, kind = _u32(file.read(4)), fields["op"][0]
+    if kind not in kinds:
+        file.seek(length, io.SEEK_CUR)
+        return fields, b"", True
+    if kind != _CHUNK:
+        return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES), True
+    if length > _MAX_CHUNK_BYTES:
+        raise _CutError(f"a record of {length} bytes")
+    data = file.read(length)
+    return fields, data, len(data) == length
+
+
+def _connect(fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
+    connection = _ros1_fields(data)
+    channels[_u32(fields.get("conn", b""))] = BagChannel(
+        topic=_topic(fields.get("topic", b"").decode("utf-8", "replace")),
+        type=type_spelling(connection.get("type", b"").decode("utf-8", "replace")),
+        encoding="ros1",
+        definition=connection.get("message_definition", b"").decode("utf-8", "replace"),
+        definition_form="ros1msg",
+    )
+
+
+def _ros1_message(
+    fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel], fraction: float
+) -> Iterator[BagMessage]:
+    channel = channels.get(_u32(fields.get("conn", b"")))
+    time = fields.get("time", b"")
+    if channel is None or len(time) != 8:
+        raise _CutError("a message without a topic")
+    seconds, nanoseconds = struct.unpack("<LL", time)
+    yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
 
 
 def _ros1_fields(content: bytes) -> dict[str, bytes]:
@@ -300,168 +294,145 @@ def _ros1_fields(content: bytes) -> dict[str, bytes]:
 # MCAP
 
 
-class McapBag:
-    """MCAP file with ROS messages. Read without its index, so that truncated files work."""
+def _mcap_messages(path: Path, notes: ReadNotes) -> Iterator[BagMessage]:
+    """Messages of an MCAP file with ROS messages. Read without its index, so that truncated files work."""
+    from mcap.records import Channel, Chunk, Header, Message, Schema
+    from mcap.stream_reader import StreamReader
 
-    kind = "MCAP file"
+    size_bytes = path.stat().st_size
+    schemas, channels = _listed_channels(path)
+    with path.open("rb") as file:
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=min(size_bytes, _MAX_CHUNK_BYTES))
+        records = iter(reader.records)
+        while True:
+            at = file.tell()
+            try:
+                record = next(records)
+            except StopIteration:
+                return
+            except Exception as error:
+                # Truncated or damaged bytes raise many kinds of errors (struct, overflow, memory, mcap's own).
+                _log.info("%s breaks off at byte %d (%r)", path, at, error)
+                notes.add(f"The file is truncated or damaged at byte {at}{_why(error)}; the data before that was read.")
+                return
+            try:
+                inner = _records_of_chunk(record) if isinstance(record, Chunk) else [record]
+            except Exception as error:
+                _log.info("%s: the chunk at byte %d is left out (%r)", path, at, error)
+                notes.add(f"The part of the file at byte {at} is damaged{_why(error)}; it was skipped.")
+                continue
+            fraction = min(1.0, file.tell() / size_bytes)
+            for item in inner:
+                if isinstance(item, Header) and item.library.startswith("caris-desktop") and not item.profile:
+                    raise BagError(f"{path} belongs to a CARIS Desktop session. Open the session folder instead.")
+                if isinstance(item, Schema):
+                    schemas[item.id] = item
+                elif isinstance(item, Channel):
+                    channels[item.id] = _mcap_channel(item, schemas.get(item.schema_id))
+                elif isinstance(item, Message) and item.channel_id in channels:
+                    yield BagMessage(item.log_time, channels[item.channel_id], item.data, fraction)
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
 
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        from mcap.records import Channel, Chunk, Header, Message, Schema
-        from mcap.stream_reader import StreamReader
+def _listed_channels(path: Path) -> tuple[dict[int, Any], dict[int, BagChannel]]:
+    """Topics of the summary section, since earlier channel records may be damaged."""
+    from mcap.reader import make_reader
 
-        size_bytes = self._path.stat().st_size
-        schemas, channels = self._listed()
-        with self._path.open("rb") as file:
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=min(size_bytes, _MAX_CHUNK_BYTES))
-            records = iter(reader.records)
-            while True:
-                at = file.tell()
-                try:
-                    record = next(records)
-                except StopIteration:
-                    return
-                except Exception as error:
-                    # Truncated or damaged bytes raise many kinds of errors (struct, overflow, memory, mcap's own).
-                    _log.info("%s breaks off at byte %d (%r)", self._path, at, error)
-                    notes.add(
-                        f"The file is truncated or damaged at byte {at}{_why(error)}; the data before that was read."
-                    )
-                    return
-                try:
-                    inner = self._of_chunk(record) if isinstance(record, Chunk) else [record]
-                except Exception as error:
-                    _log.info("%s: the chunk at byte %d is left out (%r)", self._path, at, error)
-                    notes.add(f"The part of the file at byte {at} is damaged{_why(error)}; it was skipped.")
-                    continue
-                fraction = min(1.0, file.tell() / size_bytes)
-                for item in inner:
-                    if isinstance(item, Header) and item.library.startswith("caris-desktop") and not item.profile:
-                        raise BagError(
-                            f"{self._path} belongs to a CARIS Desktop session. Open the session folder instead."
-                        )
-                    if isinstance(item, Schema):
-                        schemas[item.id] = item
-                    elif isinstance(item, Channel):
-                        channels[item.id] = self._channel(item, schemas.get(item.schema_id))
-                    elif isinstance(item, Message) and item.channel_id in channels:
-                        yield BagMessage(item.log_time, channels[item.channel_id], item.data, fraction)
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file, record_size_limit=_MAX_CHUNK_BYTES).get_summary()
+    except Exception:
+        # As above: many kinds of errors, and many files have no summary.
+        _log.debug("%s has no list of topics", path, exc_info=True)
+        return {}, {}
+    schemas = {} if summary is None else dict(summary.schemas)
+    listed = {} if summary is None else summary.channels
+    return schemas, {key: _mcap_channel(item, schemas.get(item.schema_id)) for key, item in listed.items()}
 
-    def _listed(self) -> tuple[dict[int, Any], dict[int, BagChannel]]:
-        """Topics of the summary section, since earlier channel records may be damaged."""
-        from mcap.reader import make_reader
 
-        try:
-            with self._path.open("rb") as file:
-                summary = make_reader(file, record_size_limit=_MAX_CHUNK_BYTES).get_summary()
-        except Exception:
-            # As above: many kinds of errors, and many files have no summary.
-            _log.debug("%s has no list of topics", self._path, exc_info=True)
-            return {}, {}
-        schemas = {} if summary is None else dict(summary.schemas)
-        listed = {} if summary is None else summary.channels
-        return schemas, {key: self._channel(item, schemas.get(item.schema_id)) for key, item in listed.items()}
+def _mcap_channel(channel: Any, schema: Any) -> BagChannel:
+    return BagChannel(
+        topic=_topic(channel.topic),
+        type=type_spelling(schema.name if schema is not None else ""),
+        encoding=channel.message_encoding,
+        definition=schema.data.decode("utf-8", "replace") if schema is not None else "",
+        definition_form=schema.encoding if schema is not None else "",
+    )
 
-    def _channel(self, channel: Any, schema: Any) -> BagChannel:
-        return BagChannel(
-            topic=_topic(channel.topic),
-            type=type_spelling(schema.name if schema is not None else ""),
-            encoding=channel.message_encoding,
-            definition=schema.data.decode("utf-8", "replace") if schema is not None else "",
-            definition_form=schema.encoding if schema is not None else "",
-        )
 
-    def _of_chunk(self, chunk: Any) -> list[Any]:
-        from mcap.stream_reader import breakup_chunk
+def _records_of_chunk(chunk: Any) -> list[Any]:
+    from mcap.stream_reader import breakup_chunk
 
-        content = _unfolded(chunk.data, chunk.compression, chunk.uncompressed_size)
-        if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
-            raise _CutError("its checksum is invalid")
-        records: list[Any] = breakup_chunk(replace(chunk, compression="", data=content))
-        return records
+    content = _unfolded(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+        raise _CutError("its checksum is invalid")
+    records: list[Any] = breakup_chunk(replace(chunk, compression="", data=content))
+    return records
 
 
 # rosbag2
 
 
-class SqliteBag:
-    """SQLite database of a rosbag2."""
-
-    kind = "rosbag2 database"
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        wal = self._path.with_name(f"{self._path.name}-wal")
-        if wal.exists() and wal.stat().st_size:
-            notes.add(f"{self._path.name} was not closed properly; data that is only in {wal.name} was skipped.")
-        # Immutable: SQLite must not create files next to the bag.
-        address = f"file:{quote(str(self._path.absolute()))}?mode=ro&immutable=1"
-        try:
-            with closing(sqlite3.connect(address, uri=True)) as database:
-                yield from self._rows(database, notes)
-        except sqlite3.Error as error:
-            _log.info("%s", self._path, exc_info=True)
-            notes.add(f"{self._path.name} is damaged ({error}); only the readable part was read.")
-
-    def _rows(self, database: sqlite3.Connection, notes: ReadNotes) -> Iterator[BagMessage]:
-        definitions: dict[str, tuple[str, str]] = {}
-        try:
-            rows = database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            ).fetchall()
-            definitions = {str(row[0]): (str(row[1]), str(row[2])) for row in rows}
-        except sqlite3.OperationalError:
-            _log.debug("%s is of a version that carries no message definitions", self._path)
-        channels = {}
-        for number, topic, type_name, encoding in database.execute(
-            "SELECT id, name, type, serialization_format FROM topics"
-        ):
-            # SQLite holds whatever was written, whatever type a column is declared with.
-            form, text = definitions.get(str(type_name), ("", ""))
-            channels[number] = BagChannel(_topic(str(topic)), type_spelling(str(type_name)), str(encoding), text, form)
-        (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
-        query = (
-            "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY timestamp, id"
-        )
-        for number, row in enumerate(database.execute(query, (MAX_MESSAGE_BYTES,)), start=1):
-            topic_id, at_ns, data = row
-            channel = channels.get(topic_id)
-            if channel is None:
-                continue
-            if not isinstance(data, bytes):
-                notes.add(f"A message of {channel.topic} is far too large; it was skipped.")
-                continue
-            if not isinstance(at_ns, int):
-                notes.add(f"A message of {channel.topic} has no time; it was skipped.")
-                continue
-            yield BagMessage(at_ns, channel, data, number / max(1, count))
+def _sqlite_messages(path: Path, notes: ReadNotes) -> Iterator[BagMessage]:
+    """Messages of the SQLite database of a rosbag2."""
+    wal = path.with_name(f"{path.name}-wal")
+    if wal.exists() and wal.stat().st_size:
+        notes.add(f"{path.name} was not closed properly; data that is only in {wal.name} was skipped.")
+    # Immutable: SQLite must not create files next to the bag.
+    address = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
+    try:
+        with closing(sqlite3.connect(address, uri=True)) as database:
+            yield from _rows(path, database, notes)
+    except sqlite3.Error as error:
+        _log.info("%s", path, exc_info=True)
+        notes.add(f"{path.name} is damaged ({error}); only the readable part was read.")
 
 
-class FolderBag:
-    """Files of a rosbag2 folder in sequence. ``folded``: each message is compressed separately."""
+def _rows(path: Path, database: sqlite3.Connection, notes: ReadNotes) -> Iterator[BagMessage]:
+    definitions: dict[str, tuple[str, str]] = {}
+    try:
+        rows = database.execute(
+            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        ).fetchall()
+        definitions = {str(row[0]): (str(row[1]), str(row[2])) for row in rows}
+    except sqlite3.OperationalError:
+        _log.debug("%s is of a version that carries no message definitions", path)
+    channels = {}
+    for number, topic, type_name, encoding in database.execute(
+        "SELECT id, name, type, serialization_format FROM topics"
+    ):
+        # SQLite holds whatever was written, whatever type a column is declared with.
+        form, text = definitions.get(str(type_name), ("", ""))
+        channels[number] = BagChannel(_topic(str(topic)), type_spelling(str(type_name)), str(encoding), text, form)
+    (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
+    query = "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY timestamp, id"
+    for number, row in enumerate(database.execute(query, (MAX_MESSAGE_BYTES,)), start=1):
+        topic_id, at_ns, data = row
+        channel = channels.get(topic_id)
+        if channel is None:
+            continue
+        if not isinstance(data, bytes):
+            notes.add(f"A message of {channel.topic} is far too large; it was skipped.")
+            continue
+        if not isinstance(at_ns, int):
+            notes.add(f"A message of {channel.topic} has no time; it was skipped.")
+            continue
+        yield BagMessage(at_ns, channel, data, number / max(1, count))
 
-    kind = "ROS 2 bag"
 
-    def __init__(self, parts: list[Bag], notes: ReadNotes, *, folded: bool) -> None:
-        self._parts = parts
-        self._notes = notes
-        self._folded = folded
-
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        for sentence in self._notes.sentences:
-            notes.add(sentence)
-        for number, part in enumerate(self._parts):
-            for message in part.messages(notes):
-                try:
-                    data = _unfolded(message.data, "zstd", None) if self._folded else message.data
-                except ValueError as error:
-                    notes.add(f"A message of {message.channel.topic} was skipped: {error}.")
-                else:
-                    yield message._replace(data=data, fraction=(number + message.fraction) / len(self._parts))
+def _folder_messages(
+    parts: list[Bag], folder_notes: ReadNotes, notes: ReadNotes, *, folded: bool
+) -> Iterator[BagMessage]:
+    """Messages of the files of a rosbag2 folder in sequence. ``folded``: each message is compressed separately."""
+    for sentence in folder_notes.sentences:
+        notes.add(sentence)
+    for number, part in enumerate(parts):
+        for message in part.messages(notes):
+            try:
+                data = _unfolded(message.data, "zstd", None) if folded else message.data
+            except ValueError as error:
+                notes.add(f"A message of {message.channel.topic} was skipped: {error}.")
+            else:
+                yield message._replace(data=data, fraction=(number + message.fraction) / len(parts))
 
 
 def _open_folder(folder: Path, scratch: Path) -> Bag:
@@ -494,14 +465,14 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         with unfolded.open("rb") as file:
             start = file.read(16)
         if start.startswith(_MCAP_MAGIC):
-            parts.append(McapBag(unfolded))
+            parts.append(Bag("MCAP file", partial(_mcap_messages, unfolded)))
         elif start.startswith(_SQLITE_MAGIC):
-            parts.append(SqliteBag(unfolded))
+            parts.append(Bag("rosbag2 database", partial(_sqlite_messages, unfolded)))
         elif not start:
             notes.add(f"{path.name} is empty.")
         else:
             raise BagError(f"{path} is neither an MCAP file nor a rosbag2 database.")
-    return FolderBag(parts, notes, folded=mode == "message")
+    return Bag("ROS 2 bag", partial(_folder_messages, parts, notes, folded=mode == "message"))
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:

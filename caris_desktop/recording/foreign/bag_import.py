@@ -111,10 +111,7 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
     ``path`` is a ROS 1 ``.bag``, a rosbag2 folder or file (SQLite or MCAP), or an MCAP file with ROS messages.
     ``progress`` gets 0..1; if it raises, the import is cancelled and removed.
 
-    Raises
-    ------
-    BagError
-        If the bag cannot be read, or holds nothing that this program knows, or ``folder`` cannot be made.
+    Raises BagError if the bag cannot be read, or holds nothing that this program knows, or ``folder`` cannot be made.
     """
     path, folder = path.absolute(), folder.absolute()
     if folder.exists() or folder.is_symlink():

@@ -6,7 +6,7 @@ from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area, Person
 from caris_desktop.recording.forgetting.text_erasure import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_writer import MUXER, TICKS_PER_S, add_stream, x264
-from caris_desktop.recording.session.media_files import FrameTimes, WavLayout, frame_times_of, index_path, wav_layout
+from caris_desktop.recording.session.media_files import FrameTimes, WavReader, frame_times_of, index_path
 from caris_desktop.recording.session.session_conversation import SpokenUtterance
 from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import inside
@@ -147,38 +147,36 @@ def cover_areas(areas: Iterable[Area], image: NDArray[np.uint8]) -> None:
         part[...] = _COVER_BGR[: part.shape[2]] if part.ndim == 3 and part.shape[2] <= 3 else _COVER_BGR[0]
 
 
-def sound_layout(file: IO[bytes], path: Path) -> WavLayout:
-    """Layout of the WAV file ``path``. Raises OSError, UnreadableMediaError."""
+def opened_sound(path: Path) -> WavReader:
+    """Reader of the WAV file ``path``. Raises OSError, UnreadableMediaError."""
     try:
-        return wav_layout(file)
+        return WavReader(path)
     except ValueError as error:
         raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=path.name)) from error
 
 
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:
     """Rewrite a WAV file with silence in these intervals. Raises OSError, UnreadableMediaError."""
-    with source.open("rb") as old:
-        wav = sound_layout(old, source)
-        begin, rate_hz, frame_bytes = wav.offset_bytes, wav.sample_rate_hz, wav.frame_bytes
-        quiet = sorted(
-            (
-                begin + max(0, (from_ns - first_stamp_ns) * rate_hz // 1_000_000_000) * frame_bytes,
-                begin + max(0, -((first_stamp_ns - until_ns) * rate_hz // 1_000_000_000)) * frame_bytes,
-            )
-            for from_ns, until_ns in spans_ns
+    with opened_sound(source) as wav:
+        begin, rate_hz, frame_bytes = wav.offset_bytes, wav.sample_rate_hz, 2 * wav.channels
+    quiet = sorted(
+        (
+            begin + max(0, (from_ns - first_stamp_ns) * rate_hz // 1_000_000_000) * frame_bytes,
+            begin + max(0, -((first_stamp_ns - until_ns) * rate_hz // 1_000_000_000)) * frame_bytes,
         )
-        with DiskFile(target) as file:
-            old.seek(0)
-            at = 0
-            while block := old.read(_COPIED_BYTES):
-                changed = bytearray(block)
-                for from_byte, until_byte in quiet:
-                    first, last = max(from_byte - at, 0), min(until_byte - at, len(block))
-                    if first < last:
-                        changed[first:last] = bytes(last - first)
-                file.write(bytes(changed))
-                at += len(block)
-            file.sync()
+        for from_ns, until_ns in spans_ns
+    )
+    with source.open("rb") as old, DiskFile(target) as file:
+        at = 0
+        while block := old.read(_COPIED_BYTES):
+            changed = bytearray(block)
+            for from_byte, until_byte in quiet:
+                first, last = max(from_byte - at, 0), min(until_byte - at, len(block))
+                if first < last:
+                    changed[first:last] = bytes(last - first)
+            file.write(bytes(changed))
+            at += len(block)
+        file.sync()
 
 
 _PHOTO = "/event/photo_taken"

@@ -156,11 +156,8 @@ def forget_person(
 ) -> Forgotten:
     """Erase the person, or resume. ``erase`` deletes them from the study's database and may be called repeatedly.
 
-    Raises
-    ------
-    ErasureStoppedError
-        If it cannot start or continue: a recording is running, the disk is full, a file cannot be read. The same
-        request resumes it.
+    Raises ErasureStoppedError if it cannot start or continue: a recording is running, the disk is full, a file cannot
+    be read. The same request resumes it.
     """
     with _explained(request.study):
         recorded = next((folder for folder in files_of(request.study).sessions if is_held(folder)), None)

@@ -7,8 +7,8 @@ from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor, measured_ns
 from caris_desktop.domain.events import LinkQuality
-from caris_desktop.domain.foxglove import time_of
-from caris_desktop.domain.json_encoding import DERIVED, derived_schema, schema_of, to_message
+from caris_desktop.domain.foxglove import time_of, transforms_of
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, schema_of, to_message, transforms_schema
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile
@@ -28,10 +28,10 @@ class EventLog:
         self._anchor = anchor
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._derived: Counter[str] = Counter()
+        self._transforms = 0
         self._robot_clock: LinkQuality | None = None
         self.counts: Counter[str] = Counter()
-        self._writer = McapFile(file, library="caris-desktop")
+        self._writer = McapFile(file)
         self._writer.add_metadata("session", {"format_version": str(FORMAT_VERSION), **metadata})
 
     def write(self, spec: StreamSpec, value: Any, arrived_ns: int) -> None:
@@ -39,20 +39,17 @@ class EventLog:
         log_ns = max(0, self._anchor.utc_ns_at(arrived_ns))
         happened_ns = max(0, self._anchor.utc_ns_at(self._happened_ns(value)))
         data = _bytes_of(to_message(spec, value, at_utc_ns=happened_ns))
-        followed = [
-            (derived, derived.make(value, time_of(happened_ns))) for derived in DERIVED if type(value) in derived.of
-        ]
+        transforms = transforms_of(value, time_of(happened_ns))
         topic = spec.topic_of(value)
         if topic not in self._channels:
             self._register(topic, *schema_of(spec))
         self.counts[spec.name] += 1
         self._add(topic, data, log_ns, happened_ns, self.counts[spec.name])
-        for derived, message in followed:
-            if message is not None:
-                if derived.topic not in self._channels:
-                    self._register(derived.topic, *derived_schema(derived))
-                self._derived[derived.topic] += 1
-                self._add(derived.topic, _bytes_of(message), log_ns, happened_ns, self._derived[derived.topic])
+        if transforms is not None:
+            if TRANSFORMS_TOPIC not in self._channels:
+                self._register(TRANSFORMS_TOPIC, *transforms_schema())
+            self._transforms += 1
+            self._add(TRANSFORMS_TOPIC, _bytes_of(transforms), log_ns, happened_ns, self._transforms)
 
     def _add(self, topic: str, data: bytes, log_ns: int, publish_ns: int, number: int) -> None:
         self._writer.add_message(
@@ -96,8 +93,8 @@ class EventLog:
     def _register(self, topic: str, schema_name: str, schema: dict[str, Any]) -> None:
         text = json.dumps(schema)
         if text not in self._schemas:
-            self._schemas[text] = self._writer.add_schema(schema_name, "jsonschema", text.encode())
-        self._channels[topic] = self._writer.add_channel(topic, "json", self._schemas[text])
+            self._schemas[text] = self._writer.add_schema(schema_name, text.encode())
+        self._channels[topic] = self._writer.add_channel(topic, self._schemas[text])
 
 
 def _bytes_of(message: Any) -> bytes:

@@ -146,13 +146,12 @@ class MediaWriter:
         encoders: Encoders,
         *,
         on_full: Callable[[], bool],
-        max_queued_bytes: int = MAX_QUEUED_BYTES,
     ) -> None:
         self._folder = folder
         self._clock = clock
         self._encoders = encoders
         self._on_full = on_full
-        self._budget = _Budget(max_queued_bytes)
+        self._budget = _Budget(MAX_QUEUED_BYTES)
         self._results: deque[MediaResult] = deque()
         self._names: set[str] = set()
         self._cameras: dict[str, _CameraThread] = {}

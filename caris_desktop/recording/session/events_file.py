@@ -60,8 +60,9 @@ def text_end(data: bytes, at: int) -> int:
     return at + 4 + int.from_bytes(data[at : at + 4], "little")
 
 
-def schema_record(number: int, name: str, encoding: str, data: bytes) -> bytes:
-    return record(SCHEMA, struct.pack("<H", number) + text(name) + text(encoding) + struct.pack("<I", len(data)) + data)
+def schema_record(number: int, name: str, data: bytes) -> bytes:
+    head = struct.pack("<H", number) + text(name) + text("jsonschema")
+    return record(SCHEMA, head + struct.pack("<I", len(data)) + data)
 
 
 def number_of(declaration: bytes) -> int:
@@ -76,8 +77,9 @@ _INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 # A map of 10,000 x 10,000 cells has 100 million bytes; the recorder closes a chunk after some megabytes.
 _MAX_BLOCK_BYTES = 1 << 28
 _RUN_BYTES = 1 << 20
-_LONGEST_HEADER_BYTES = 1024
 _LARGEST_NS = 2**63 - 1
+_HEADER = record(HEADER, text("") + text("caris-desktop"))
+_BEGINNING = MAGIC + _HEADER
 # Offset of the compression name in a chunk, which locates the next chunk behind damage.
 _ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", HEAD.size + CHUNK_BODY.size - 4
 
@@ -155,14 +157,13 @@ class _Gathered:
     blocks: list[tuple[int, int, int]] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, bytes] = field(default_factory=dict)
-    numbers: list[NDArray[np.int64]] = field(default_factory=list)
-    at_blocks: list[NDArray[np.int64]] = field(default_factory=list)
+    blocks_of: dict[int, list[int]] = field(default_factory=dict)
     damaged_bytes: int = 0
     beside: list[bytes] = field(default_factory=list)
 
-    def add_block(self, block: tuple[int, int, int], channels: NDArray[np.int64]) -> None:
-        self.numbers.append(channels)
-        self.at_blocks.append(np.full(len(channels), len(self.blocks), np.int64))
+    def add_block(self, block: tuple[int, int, int], channels: Iterable[int]) -> None:
+        for channel in channels:
+            self.blocks_of.setdefault(channel, []).append(len(self.blocks))
         self.blocks.append(block)
 
     def add_declaration(self, opcode: int, record: bytes) -> None:
@@ -178,18 +179,12 @@ class _Gathered:
 
     def index(self, *, has_summary: bool) -> BlockIndex:
         table = np.array(self.blocks, np.int64).reshape(-1, 3)
-        numbers = np.concatenate(self.numbers) if self.numbers else np.zeros(0, np.int64)
-        at_blocks = np.concatenate(self.at_blocks) if self.at_blocks else np.zeros(0, np.int64)
-        order = np.lexsort((at_blocks, numbers))
-        numbers, at_blocks = numbers[order], at_blocks[order]
-        known, firsts = np.unique(numbers, return_index=True)
-        parts = np.split(at_blocks, firsts[1:])
         return BlockIndex(
             table[:, 0],
             table[:, 1],
             table[:, 2],
             self.channels,
-            {int(number): part for number, part in zip(known, parts, strict=False)},
+            {channel: np.array(blocks, np.int64) for channel, blocks in self.blocks_of.items()},
             has_summary,
             self.damaged_bytes,
             tuple(self.beside),
@@ -208,21 +203,10 @@ def has_summary(path: Path) -> bool:
         return _summary_span(file) is not None
 
 
-def library_of(path: Path) -> str:
-    """Library that wrote the file; empty if unnamed or not an MCAP file. Raises OSError."""
+def is_ours(path: Path) -> bool:
+    """True if this program wrote the file, by its first bytes. Raises OSError."""
     with path.open("rb") as file:
-        begin = file.read(_LONGEST_HEADER_BYTES)
-    try:
-        opcode, length = HEAD.unpack_from(begin, len(MAGIC))
-        at = len(MAGIC) + HEAD.size
-        body = begin[at : at + length]
-        (profile_bytes,) = struct.unpack_from("<I", body)
-        (library_bytes,) = struct.unpack_from("<I", body, 4 + profile_bytes)
-    except struct.error:
-        return ""
-    if begin[: len(MAGIC)] != MAGIC or opcode != HEADER:
-        return ""
-    return body[8 + profile_bytes : 8 + profile_bytes + library_bytes].decode("utf-8", "replace")
+        return file.read(len(_BEGINNING)) == _BEGINNING
 
 
 def messages_of(content: bytes) -> Iterator[Message]:
@@ -371,12 +355,12 @@ def _by_summary(file: IO[bytes]) -> BlockIndex | None:
                 entries = np.frombuffer(
                     summary, _INDEX_ENTRY, map_bytes // _INDEX_ENTRY.itemsize, body + CHUNK_INDEX_BODY.size
                 )
-                gathered.add_block((offset, size, last_ns), entries["channel"].astype(np.int64))
+                gathered.add_block((offset, size, last_ns), entries["channel"].tolist())
             elif opcode == STATISTICS:
                 (messages,) = struct.unpack_from("<Q", summary, body)
             at = body + length
         # Without chunk or message indexes the file must be scanned.
-        return None if messages and not sum(map(len, gathered.numbers)) else gathered.index(has_summary=True)
+        return None if messages and not gathered.blocks_of else gathered.index(has_summary=True)
     except (struct.error, ValueError, OverflowError):
         return None
 
@@ -457,7 +441,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
     # A chunk that declares a channel must be decompressed, and so must the last one, whose indexes may be incomplete.
     if not numbers or any(number not in gathered.channels for number in numbers) or last_ns > _LARGEST_NS:
         return False
-    gathered.add_block((at, record_bytes, last_ns), np.array(sorted(numbers), np.int64))
+    gathered.add_block((at, record_bytes, last_ns), dict.fromkeys(numbers))
     return True
 
 
@@ -485,7 +469,7 @@ def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) ->
             numbers.add(number)
         at = body + length
     if numbers:
-        gathered.add_block((*place, min(last_ns, _LARGEST_NS)), np.array(sorted(numbers), np.int64))
+        gathered.add_block((*place, min(last_ns, _LARGEST_NS)), numbers)
 
 
 def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
@@ -535,7 +519,7 @@ class _Chunk:
 class McapFile:
     """Sequential writer of one file. Times are UTC nanoseconds. Methods raise OSError."""
 
-    def __init__(self, file: DiskFile, *, library: str, header: bytes = b"") -> None:
+    def __init__(self, file: DiskFile, *, header: bytes = _HEADER) -> None:
         """``header`` is the record of a copied file, instead of our own."""
         import zstandard
 
@@ -551,7 +535,7 @@ class McapFile:
         self._attachment_indexes = bytearray()
         self._metadata_indexes = bytearray()
         self._chunk = _Chunk()
-        file.write(MAGIC + (header or record(HEADER, text("") + text(library))))
+        file.write(MAGIC + header)
 
     def add_metadata(self, name: str, entries: dict[str, str]) -> None:
         """Write a metadata record. Call before the first message."""
@@ -573,17 +557,17 @@ class McapFile:
             self._attachments += 1
         self._file.write(data)
 
-    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add a schema; return its id."""
+    def add_schema(self, name: str, data: bytes) -> int:
+        """Add a JSON Schema; return its id."""
         number = max(self._schemas, default=0) + 1
-        self._schemas[number] = schema_record(number, name, encoding, data)
+        self._schemas[number] = schema_record(number, name, data)
         self._chunk.records += self._schemas[number]
         return number
 
-    def add_channel(self, topic: str, message_encoding: str, schema: int) -> int:
-        """Add a channel; return its id."""
+    def add_channel(self, topic: str, schema: int) -> int:
+        """Add a channel of JSON messages; return its id."""
         number = max(self._channels, default=0) + 1
-        body = struct.pack("<HH", number, schema) + text(topic) + text(message_encoding) + text_map({})
+        body = struct.pack("<HH", number, schema) + text(topic) + text("json") + text_map({})
         self._channels[number] = record(CHANNEL, body)
         self._chunk.records += self._channels[number]
         return number
@@ -596,7 +580,7 @@ class McapFile:
     def add_lost_schema(self, number: int, name: str, data: bytes) -> None:
         """Add a JSON Schema for a copied channel whose own schema is missing in its file."""
         if number not in self._schemas:
-            self._schemas[number] = schema_record(number, name, "jsonschema", data)
+            self._schemas[number] = schema_record(number, name, data)
             self._file.write(self._schemas[number])
 
     def add_message(self, channel: int, data: bytes, *, log_time: int, publish_time: int, sequence: int) -> None:
@@ -717,13 +701,15 @@ def rewrite(
     source: IO[bytes],
     index: BlockIndex,
     target: DiskFile,
+    on_chunk: Callable[[bytes], bytes],
     *,
-    added: AddedMessage | None,
-    on_chunk: Callable[[bytes], None],
+    added: AddedMessage | None = None,
+    skip_damaged: bool = False,
 ) -> None:
     """Copy the result of :func:`scan` of ``source`` to the new file ``target``.
 
-    ``on_chunk`` receives the decompressed content of each chunk. Raises OSError.
+    ``on_chunk`` receives the decompressed content of each chunk, and returns what is written. Damaged chunks are left
+    out, or raise OSError. Raises OSError.
     """
     writer = _begun(target, index)
     for number in range(index.count):
@@ -731,11 +717,18 @@ def rewrite(
             record = read_record(source, index, number)
             content = decompress(record)
         except DamagedBlockError as error:
-            raise OSError(5, f"the disk returned different data than before: {error}") from error
-        on_chunk(content)
-        _copy_block(writer, index, content, record)
+            if not skip_damaged:
+                raise OSError(5, f"the disk returned different data than before: {error}") from error
+            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
+            continue
+        changed = on_chunk(content)
+        _copy_block(writer, index, changed, record if changed == content else b"")
     if added is not None:
-        _add(writer, index, added)
+        channels = (number for number, channel in index.channels.items() if channel.topic == added.topic)
+        number = next(channels, 0) or writer.add_channel(
+            added.topic, writer.add_schema(added.schema_name, added.schema)
+        )
+        writer.add_message(number, added.data, log_time=added.log_ns, publish_time=added.publish_ns, sequence=1)
     writer.finish()
 
 
@@ -748,36 +741,27 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
 
     ``index`` is from :func:`scan`. Damaged chunks are left out. Raises OSError.
     """
-    writer = _begun(target, index)
-    for number in range(index.count):
-        try:
-            record = read_record(source, index, number)
-            content = decompress(record)
-        except DamagedBlockError as error:
-            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
-            continue
+
+    def changed(content: bytes) -> bytes:
         parts: list[bytes] = []
         at = 0
         for message in messages_of(content):
             data = content[message.start : message.end]
             new = change(message.channel, data)
             if new != data:
-                start = message.record_start
-                body = start + HEAD.size
-                parts.append(content[at:start])
-                parts.append(HEAD.pack(MESSAGE, message.start - body + len(new)))
-                parts.append(content[body : message.start])
-                parts.append(new)
+                body = message.record_start + HEAD.size
+                head = HEAD.pack(MESSAGE, message.start - body + len(new))
+                parts += content[at : message.record_start], head, content[body : message.start], new
                 at = message.end
-        changed = b"".join([*parts, content[at:]])
-        _copy_block(writer, index, changed, record if changed == content else b"")
-    writer.finish()
+        return b"".join((*parts, content[at:]))
+
+    rewrite(source, index, target, changed, skip_damaged=True)
 
 
 def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
     """New file with the file-level records."""
-    header = next((record for record in index.beside if record[0] == HEADER), b"")
-    writer = McapFile(target, library="caris-desktop", header=header)
+    header = next((record for record in index.beside if record[0] == HEADER), _HEADER)
+    writer = McapFile(target, header=header)
     for record in index.beside:
         if record[0] != HEADER:
             writer.copy_alongside(record)
@@ -788,7 +772,8 @@ def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
     for channel in index.channels.values():
         if channel.schema_number and not channel.schema:
             # Its schema was in a lost chunk, and readers require one.
-            writer.add_lost_schema(channel.schema_number, *_schema_of(channel.topic))
+            name, schema = recorded_schema(channel.topic) or ("lost", {})
+            writer.add_lost_schema(channel.schema_number, name, json.dumps(schema).encode())
     return writer
 
 
@@ -802,17 +787,3 @@ def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: byt
         record = b""
     if known:
         writer.copy_chunk(content, record)
-
-
-def _schema_of(topic: str) -> tuple[str, bytes]:
-    """Name and content of this program's JSON Schema for a topic."""
-    name, schema = recorded_schema(topic) or ("lost", {})
-    return name, json.dumps(schema).encode()
-
-
-def _add(writer: McapFile, index: BlockIndex, added: AddedMessage) -> None:
-    number = next((number for number, channel in index.channels.items() if channel.topic == added.topic), None)
-    if number is None:
-        schema = writer.add_schema(added.schema_name, "jsonschema", added.schema)
-        number = writer.add_channel(added.topic, "json", schema)
-    writer.add_message(number, added.data, log_time=added.log_ns, publish_time=added.publish_ns, sequence=1)

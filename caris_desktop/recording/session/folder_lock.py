@@ -54,12 +54,8 @@ class FolderLock:
 def hold(folder: Path) -> FolderLock:
     """Lock ``folder`` for recording or repair.
 
-    Raises
-    ------
-    FolderHeldError
-        If somebody else has it.
-    OSError
-        If the lock's file cannot be made, for example on a disk that cannot be written.
+    Raises FolderHeldError if somebody else has it. Raises OSError if the lock's file cannot be made, for example on a
+    disk that cannot be written.
     """
     path = folder / LOCK_NAME
     for _ in range(_TRIES):

@@ -67,12 +67,8 @@ class HashingStopped(Exception):  # noqa: N818 - no error: somebody asked for it
 def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True) -> Path:
     """Hash every file of the session in ``folder``; the manifest is written atomically and synced.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be read or the manifest not be written.
-    HashingStopped
-        If ``may_go_on``, asked about every few milliseconds, says no.
+    Raises OSError if a file cannot be read or the manifest not be written. Raises HashingStopped if ``may_go_on``,
+    asked about every few milliseconds, says no.
     """
     lines = []
 
@@ -94,10 +90,7 @@ def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True
 def verify_manifest(folder: Path) -> list[str]:
     """Differences from the manifest, one sentence each; empty if all files are as at the close of the session.
 
-    Raises
-    ------
-    OSError
-        If the manifest itself cannot be read (FileNotFoundError where there is none).
+    Raises OSError if the manifest itself cannot be read (FileNotFoundError where there is none).
     """
     problems, listed = [], set()
     for number, entry in enumerate(manifest_entries(folder), start=1):

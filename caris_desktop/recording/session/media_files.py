@@ -6,7 +6,7 @@ import os
 import re
 import struct
 from bisect import bisect_left
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -50,11 +50,11 @@ def in_file_names(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
 
 
-def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool]) -> str:
+def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool], *, number_as: str = "-{}") -> str:
     """``STEMSUFFIX``, or numbered from 2 if that is taken."""
     name, number = f"{stem}{suffix}", 2
     while is_taken(name):
-        name, number = f"{stem}-{number}{suffix}", number + 1
+        name, number = f"{stem}{number_as.format(number)}{suffix}", number + 1
     return name
 
 
@@ -62,6 +62,7 @@ def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool]) -> str:
 
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
 HEADER_BYTES = _HEADER.size
+_READ_SAMPLES = 1 << 20
 
 
 class WavLayout(Value):
@@ -100,6 +101,51 @@ def wav_header(channels: int, sample_rate_hz: int, samples: int) -> bytes:
         b"RIFF", HEADER_BYTES - 8 + data_bytes, b"WAVE", b"fmt ", 16, 1, channels, sample_rate_hz,
         sample_rate_hz * frame_bytes, frame_bytes, 16, b"data", data_bytes,
     )  # fmt: skip
+
+
+class WavReader:
+    """Samples of a 16-bit PCM WAV file, even if its header was never completed."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file. Raises OSError, and ValueError for another format."""
+        self._file = path.open("rb")
+        try:
+            wav, size_bytes = wav_layout(self._file), path.stat().st_size
+            self.channels, self.sample_rate_hz, self.offset_bytes = wav.channels, wav.sample_rate_hz, wav.offset_bytes
+            # A killed recording leaves a zero or too large length.
+            self.samples = min(wav.data_bytes or size_bytes, size_bytes - wav.offset_bytes) // (2 * wav.channels)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> "WavReader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        """Yield (index, float32 in -1..1) of the loudest channel in pieces: ``count`` samples from ``first`` on."""
+        for content in self.read_bytes(first, count):
+            block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
+            loudest = block[:, 0]
+            if self.channels > 1:
+                loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
+            yield first, loudest.astype(np.float32) / np.float32(32768)
+            first += len(block)
+
+    def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
+        """Yield the raw samples of all channels in pieces."""
+        end = min(first + count, self.samples)
+        frame_bytes = 2 * self.channels
+        while first < end:
+            self._file.seek(self.offset_bytes + first * frame_bytes)
+            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
+            frames = len(content) // frame_bytes
+            if not frames:
+                return
+            yield content[: frames * frame_bytes]
+            first += frames
 
 
 INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"
@@ -158,12 +204,7 @@ def index_path(video: Path) -> Path:
 def read_frame_times(path: Path) -> FrameTimes:
     """Read a frame index up to the first invalid line.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is no side index.
+    Raises OSError if the file cannot be read. Raises ValueError if it is no side index.
     """
     with path.open("rb") as file:
         content = file.read(_MAX_INDEX_BYTES)
@@ -263,12 +304,7 @@ class SoundContent(Value):
 def repair_wav(path: Path) -> SoundContent:
     """Correct the length in a WAV header.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read or written.
-    ValueError
-        If it is no WAV that can be understood.
+    Raises OSError if the file cannot be read or written. Raises ValueError if it is no WAV that can be understood.
     """
     with path.open("r+b") as file:
         wav = wav_layout(file)

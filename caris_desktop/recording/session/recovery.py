@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
 from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
-from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message, schema_of, to_message
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -92,7 +92,7 @@ def missing_values(folder: Path, header: SessionHeader) -> Counter[str]:
     found: Counter[str] = Counter()
     for channel, count in of_channel.items():
         its = index.channels.get(channel)
-        if its is None or its.topic in DERIVED_TOPICS:
+        if its is None or its.topic == TRANSFORMS_TOPIC:
             continue
         spec = spec_of_topic(its.topic)
         name = its.topic.removeprefix("/") if spec is None else spec.name
@@ -187,10 +187,7 @@ def needs_repair(folder: Path) -> bool:
 def repair_session(folder: Path) -> RepairReport:
     """Repair the session in ``folder`` if needed. Idempotent; a kill does no harm.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session that this program can read, or one that is still being recorded.
+    Raises SessionError if ``folder`` is no session that this program can read, or one that is still being recorded.
     """
     wanting = _wanting(folder, read_header(folder))
     if not wanting:
@@ -355,7 +352,7 @@ class _Repair:
             self._record.newest_utc_ns = max(self._record.newest_utc_ns, int(index.ends_utc_ns[number]))
         with DiskFile(part) as target:
             end = self._end_event(index, file)
-            rewrite(file, index, target, added=end, on_chunk=lambda content: self._inspect(index, content))
+            rewrite(file, index, target, lambda content: self._inspect(index, content), added=end)
             target.sync()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
@@ -395,11 +392,12 @@ class _Repair:
         else:
             self._ended_ns, self._reason = max(newest_ns, self._clock.started_ns), "recovered"
 
-    def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
+    def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> bytes:
+        """Note what the messages of a chunk say of the session; return the chunk."""
         record = self._record
         for message in events_file.messages_of(content):
             channel = index.channels.get(message.channel)
-            if channel is None or channel.topic in DERIVED_TOPICS or (only is not None and message.channel != only):
+            if channel is None or channel.topic == TRANSFORMS_TOPIC or (only is not None and message.channel != only):
                 continue
             spec = spec_of_topic(channel.topic)
             name = channel.topic.removeprefix("/") if spec is None else spec.name
@@ -425,6 +423,7 @@ class _Repair:
                     record.pauses.append(value)
                 case SessionEnded():
                     record.ended = value
+        return content
 
     def _report_events(self) -> None:
         if self._damaged_bytes is None and self._preserved_name(_EVENTS):

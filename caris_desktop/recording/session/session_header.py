@@ -85,7 +85,6 @@ FORMAT, FORMAT_VERSION = "caris-desktop session", 3
 TRIAL_METADATA = "trial."
 HEADER_NAME = "session.json"
 _EVENTS = "events.mcap"
-_LIBRARY = "caris-desktop"
 _LAST_UNTOLD_VERSION = 2
 _MAX_HEADER_BYTES = 16 * 1024 * 1024
 _CLOCK_NOTE = (
@@ -329,7 +328,7 @@ def _leniently(name: str, kind: Any, data: Any, invalid: list[str]) -> Any:
 def holds_record(folder: Path) -> bool:
     """True if ``folder`` contains events recorded by this program, with or without ``session.json``."""
     try:
-        return events_file.library_of(folder / _EVENTS) == _LIBRARY
+        return events_file.is_ours(folder / _EVENTS)
     except OSError:
         return False
 
@@ -347,10 +346,8 @@ def inside(folder: Path, name: str) -> bool:
 def read_header(folder: Path) -> SessionHeader:
     """Read ``session.json``; if it is lost, rebuild it from the events.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session, one of another program or a newer version, or its start time is unknown.
+    Raises SessionError if ``folder`` is no session, one of another program or a newer version, or its start time is
+    unknown.
     """
     return header_of(read_raw_header(folder), folder / HEADER_NAME)
 

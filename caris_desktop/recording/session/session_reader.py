@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
-from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
+from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session import events_file
@@ -84,10 +84,7 @@ class Session(Value):
 
         Values of unknown streams, and those that do not fit their type, are left out and logged.
 
-        Raises
-        ------
-        KeyError
-            If a name is not in the stream table.
+        Raises KeyError if a name is not in the stream table.
         """
         return ((spec, value) for _, spec, value in self.arrivals(*streams))
 
@@ -106,10 +103,8 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
 
     Without ``repair`` nothing on disk is changed, and a session in progress can be read.
 
-    Raises
-    ------
-    SessionError
-        If ``folder`` is no session that this program can read, or, to be repaired, one that is still being recorded.
+    Raises SessionError if ``folder`` is no session that this program can read, or, to be repaired, one that is still
+    being recorded.
     """
     header = read_header(folder)
     notices: tuple[str, ...] = ()
@@ -165,7 +160,7 @@ def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec
         file = path.open("rb")
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
-    topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
+    topics = {number: its.topic for number, its in index.channels.items() if its.topic != TRANSFORMS_TOPIC}
     if names:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in names}

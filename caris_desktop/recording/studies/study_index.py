@@ -153,10 +153,7 @@ class StudyIndex:
 
         The index then retains what was read.
 
-        Raises
-        ------
-        OSError
-            If the folder of the sessions cannot be read.
+        Raises OSError if the folder of the sessions cannot be read.
         """
         self._whole(lambda: self._update(progress))
 

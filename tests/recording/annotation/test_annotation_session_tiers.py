@@ -341,8 +341,7 @@ def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
     samples[500] = 16384
     samples[2500:2520] = -32768
     write_wav(folder / "audio-m.wav", samples)
-    fractions: list[float] = []
-    overview = build_overview(open_session(folder), fractions.append)
+    overview = build_overview(open_session(folder))
     assert [(moment.kind, moment.at_ns, moment.text) for moment in overview.moments] == [
         ("utterance", at(2.0), "participant: Hi"),
         ("mark", at(3.2), "late"),
@@ -359,8 +358,6 @@ def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
     assert overview.speed.dtype == np.float32
     assert overview.speed[:, 1:].tolist() == [[0.5, -0.25]] * 100
     assert overview.speed[:3, 0].tolist() == pytest.approx([0.0, 0.05, 0.1])
-    assert fractions[-1] == 1.0
-    assert fractions == sorted(fractions)
 
 
 def test_the_speed_comes_from_poses_where_there_is_no_odometry(tmp_path: Path) -> None:
@@ -374,17 +371,6 @@ def test_the_speed_comes_from_poses_where_there_is_no_odometry(tmp_path: Path) -
 def test_a_whole_tour_keeps_the_rules(tmp_path: Path) -> None:
     found = rows(session_tiers(told(tmp_path, tour(3, minutes=4.0), lasts_s=240.0)))
     assert {"Participant speech", "Robot speech", "Wizard marks", "Motion", "Navigation goals", "Pauses"} <= set(found)
-
-
-def test_a_running_import_can_be_cancelled(tmp_path: Path) -> None:
-    class CancelledError(Exception):
-        pass
-
-    def cancel(_fraction: float) -> None:
-        raise CancelledError
-
-    with pytest.raises(CancelledError):
-        build_overview(told(tmp_path, []), cancel)
 
 
 def test_the_rows_of_all_events_are_known_to_translators() -> None:

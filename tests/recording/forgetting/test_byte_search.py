@@ -130,8 +130,8 @@ def _packed_zip(path: Path) -> None:
 
 
 def _mcap(path: Path) -> None:
-    writer = McapFile(DiskFile(path), library="test")
-    channel = writer.add_channel("/said", "json", writer.add_schema("said", "jsonschema", b"{}"))
+    writer = McapFile(DiskFile(path))
+    channel = writer.add_channel("/said", writer.add_schema("said", b"{}"))
     for number in range(200):
         data = json.dumps({"text": SENTENCE if number == 150 else "nobody" * 50}).encode()
         writer.add_message(channel, data, log_time=number, publish_time=number, sequence=number)

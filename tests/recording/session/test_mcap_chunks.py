@@ -66,7 +66,7 @@ def test_files_of_any_make_are_read_and_rewritten(tmp_path: Path, options: dict[
     seen: list[bytes] = []
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, events_file.scan(file), target, added=None, on_chunk=seen.append)
+        rewrite(file, events_file.scan(file), target, lambda content: seen.append(content) or content)
     target.close()
     assert len(seen) > 0
     with target.path.open("rb") as file:
@@ -101,7 +101,7 @@ def test_messages_whose_channel_was_lost_are_left_out_of_a_rewritten_file(tmp_pa
     path.write_bytes(content)
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, events_file.scan(file), target, added=None, on_chunk=lambda _content: None)
+        rewrite(file, events_file.scan(file), target, lambda content: content)
     target.close()
     with target.path.open("rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()}

@@ -19,10 +19,10 @@ TOPICS = ("/a", "/b/ü", "/c")
 def write(path: Path, messages: int, *, finish: bool = True) -> None:
     """Messages in chunks of seven, with unordered times; ``/c`` has no message."""
     file = DiskFile(path)
-    writer = McapFile(file, library="test")
+    writer = McapFile(file)
     writer.add_metadata("session", {"who": "tëst", "empty": ""})
-    schema = writer.add_schema("thing", "jsonschema", b"{}")
-    channels = [writer.add_channel(topic, "json", schema) for topic in TOPICS]
+    schema = writer.add_schema("thing", b"{}")
+    channels = [writer.add_channel(topic, schema) for topic in TOPICS]
     for number in range(messages):
         log_time = 1_000_000 + number * 10 + (5 if number % 2 else -5)
         data = b'{"n":%d}' % number
@@ -87,8 +87,8 @@ def test_a_file_with_hardly_anything_in_it_is_complete(tmp_path: Path, messages:
 
 def test_large_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
     file = DiskFile(tmp_path / "f.mcap")
-    writer = McapFile(file, library="test")
-    channel = writer.add_channel("/map", "json", writer.add_schema("map", "jsonschema", b"{}"))
+    writer = McapFile(file)
+    channel = writer.add_channel("/map", writer.add_schema("map", b"{}"))
     before = file.size_bytes
     for number in range(5):
         data = bytes(number for _ in range(1_500_000))
@@ -114,8 +114,8 @@ class NarrowDisk(DiskFile):
 
 def test_data_refused_by_a_full_disk_is_written_once_it_has_room(tmp_path: Path) -> None:
     file = NarrowDisk(tmp_path / "f.mcap")
-    writer = McapFile(file, library="test")
-    channel = writer.add_channel("/a", "json", writer.add_schema("thing", "jsonschema", b"{}"))
+    writer = McapFile(file)
+    channel = writer.add_channel("/a", writer.add_schema("thing", b"{}"))
     added = []
     for number in range(60):
         file.room_bytes = file.size_bytes if 20 <= number < 40 else NarrowDisk.room_bytes
