@@ -124,7 +124,8 @@ def _commands_page() -> str:
 
 
 def _section(title: str, parser: argparse.ArgumentParser) -> Iterator[str]:
-    needed = "".join(f" {_default_text(action)}" for action in parser._actions if action.required)
+    # Whether a list that may be empty is "required" depends on the version of Python.
+    needed = "".join(f" {_default_text(each)}" for each in parser._actions if each.required or each.nargs == "*")
     yield f"## {title}\n\n{parser.description}\n\n    {parser.prog}{needed}\n"
     yield "| argument or option | meaning |\n| --- | --- |"
     for action in parser._actions:
