@@ -27,6 +27,10 @@ def check_export(fmt: str, out: Path) -> None:
 def _csv(out: Path) -> None:
     tables = sorted(out.glob("*.csv"))
     assert {"session.csv", "data_dictionary.csv"} <= {path.name for path in tables}
+    _check_rows(tables)
+
+
+def _check_rows(tables: list[Path]) -> None:
     for path in tables:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
@@ -39,6 +43,20 @@ def _parquet(out: Path) -> None:
 
     for path in out.rglob("*.parquet"):
         pq.read_table(path).validate(full=True)
+
+
+def _tables(out: Path) -> None:
+    tables = sorted(out.rglob("*.csv"))
+    assert tables
+    _check_rows(tables)
+    _parquet(out)
+
+
+def _lerobot(out: Path) -> None:
+    (info,) = out.rglob("meta/info.json")
+    assert json.loads(info.read_text(encoding="utf-8"))["codebase_version"].startswith("v3")
+    _parquet(out)
+    _frames(out)
 
 
 def _eaf(out: Path) -> None:
@@ -154,6 +172,8 @@ def _page(out: Path) -> None:
 _CHECKS: dict[str, Callable[[Path], None]] = {
     "csv": _csv,
     "parquet": _parquet,
+    "tables": _tables,
+    "lerobot": _lerobot,
     "eaf": _eaf,
     "textgrid": _textgrid,
     "vtt": _vtt,
