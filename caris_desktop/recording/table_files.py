@@ -201,7 +201,7 @@ class ParquetTables:
     def __init__(self, out: Path, about: dict[str, str], whose: tuple[Column, ...] = ()) -> None:
         self.tables: list[Table] = []
         self._out, self._about, self._whose = out, about, whose
-        self._of_all = [column.read(None, None) for column in whose]  # type: ignore[arg-type] # constants
+        self._of_all = [column.read(None) for column in whose]
         self._files, self._writers = ExitStack(), dict[str, Any]()
 
     def __enter__(self) -> "ParquetTables":

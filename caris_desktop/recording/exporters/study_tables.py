@@ -306,7 +306,7 @@ _Computed = tuple[Table, list[tuple[Any, ...]]]
 
 
 def _column(name: str, kind: Kind, description: str, empty: str = "") -> Column:
-    return Column(name, unit_of(name), kind, description, lambda row, _: row, empty=empty)
+    return Column(name, unit_of(name), kind, description, lambda row: row, empty=empty)
 
 
 def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequence[tuple[str, str, float]]) -> _Computed:
@@ -329,7 +329,7 @@ def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequenc
             one.unit,
             "number" if one.unit or one not in MEASURES else "integer",
             one.description,
-            lambda row, _: row,
+            lambda row: row,
             values=one.values,
             empty=described[one.name]["empty"],
         )
