@@ -47,12 +47,14 @@ def copy_tables(
 ) -> list[Path]:
     """Fill the empty folder ``out`` with a Parquet file for each table (or ``only`` these) and the data dictionary.
 
+    With ``only``, stored tables are used, but none are stored: those that the measures read take a seventh of the time
+    of all. Stored ones come with the dictionary of all.
     ``on_damaged`` gets a sentence on each coder's file that was left out. Raises SessionError, OSError.
     """
     wanted = frozenset((*only, DICTIONARY_TABLE.name) if only else ())
     if not is_held(session.folder):
         for place in _places(session):
-            stored = _valid(place, session, wanted) or _derived(place, session, progress, wanted)
+            stored = _valid(place, session, wanted) or (None if only else _derived(place, session, progress))
             if stored is not None:
                 for sentence in stored["damaged"]:
                     on_damaged(sentence)
@@ -122,9 +124,7 @@ def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, A
         return None
 
 
-def _derived(
-    place: Path, session: Session, progress: Callable[[float], None], wanted: frozenset[str]
-) -> dict[str, Any] | None:
+def _derived(place: Path, session: Session, progress: Callable[[float], None]) -> dict[str, Any] | None:
     """Derive and store all tables; None if they cannot be stored there, or the session changed meanwhile."""
     base, part = place.parent, place.with_name(f"{_PART} {place.name}")
     try:
@@ -151,7 +151,7 @@ def _derived(
         # Read-only, full, or at work for somebody else.
         _log.info("the tables of %s are not stored in %s: %s", session.folder, base, error)
         return None
-    return {**stored, "files": [name for name in files if not wanted or Path(name).stem in wanted]}
+    return stored
 
 
 def _left_in_cache(base: Path) -> list[Path]:
