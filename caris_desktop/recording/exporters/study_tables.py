@@ -312,7 +312,8 @@ def _column(name: str, kind: Kind, description: str, empty: str = "") -> Column:
 def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequence[tuple[str, str, float]]) -> _Computed:
     import duckdb
 
-    with duckdb.connect(":memory:") as database:
+    # One thread, so that sums are the same to the last digit in each run.
+    with duckdb.connect(":memory:", config={"threads": 1}) as database:
         for name, columns in TABLES.items():
             path = parquet / f"{name}.parquet"
             database.execute(table_sql(name, columns, str(path) if path.exists() else ""))
