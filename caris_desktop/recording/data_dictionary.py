@@ -79,7 +79,7 @@ DICTIONARY_TABLE = Table(
     "data_dictionary",
     "Every table and every column.",
     tuple(
-        Column(name, "", "text", description, lambda row, _: row, empty=empty)
+        Column(name, "", "text", description, lambda row: row, empty=empty)
         for name, description, empty in (
             ("table", "Name of the table that has the column.", ""),
             ("column", "Name in the first line of the table.", "The row describes the table itself."),

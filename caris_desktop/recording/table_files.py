@@ -47,12 +47,14 @@ def copy_tables(
 ) -> list[Path]:
     """Fill the empty folder ``out`` with a Parquet file for each table (or ``only`` these) and the data dictionary.
 
+    With ``only``, stored tables are used, but none are stored: those that the measures read take a seventh of the time
+    of all. Stored ones come with the dictionary of all.
     ``on_damaged`` gets a sentence on each coder's file that was left out. Raises SessionError, OSError.
     """
     wanted = frozenset((*only, DICTIONARY_TABLE.name) if only else ())
     if not is_held(session.folder):
         for place in _places(session):
-            stored = _valid(place, session, wanted) or _derived(place, session, progress, wanted)
+            stored = _valid(place, session, wanted) or (None if only else _derived(place, session, progress))
             if stored is not None:
                 for sentence in stored["damaged"]:
                     on_damaged(sentence)
@@ -122,9 +124,7 @@ def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, A
         return None
 
 
-def _derived(
-    place: Path, session: Session, progress: Callable[[float], None], wanted: frozenset[str]
-) -> dict[str, Any] | None:
+def _derived(place: Path, session: Session, progress: Callable[[float], None]) -> dict[str, Any] | None:
     """Derive and store all tables; None if they cannot be stored there, or the session changed meanwhile."""
     base, part = place.parent, place.with_name(f"{_PART} {place.name}")
     try:
@@ -151,7 +151,7 @@ def _derived(
         # Read-only, full, or at work for somebody else.
         _log.info("the tables of %s are not stored in %s: %s", session.folder, base, error)
         return None
-    return {**stored, "files": [name for name in files if not wanted or Path(name).stem in wanted]}
+    return stored
 
 
 def _left_in_cache(base: Path) -> list[Path]:
@@ -201,7 +201,7 @@ class ParquetTables:
     def __init__(self, out: Path, about: dict[str, str], whose: tuple[Column, ...] = ()) -> None:
         self.tables: list[Table] = []
         self._out, self._about, self._whose = out, about, whose
-        self._of_all = [column.read(None, None) for column in whose]  # type: ignore[arg-type] # constants
+        self._of_all = [column.read(None) for column in whose]
         self._files, self._writers = ExitStack(), dict[str, Any]()
 
     def __enter__(self) -> "ParquetTables":
@@ -237,7 +237,10 @@ class ParquetTables:
         import pyarrow.parquet as pq
 
         about = {key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()}
-        writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema.with_metadata(about), compression="zstd")
+        # Times and measurements seldom repeat: their dictionaries would take a quarter of the time, and space.
+        repeating = [column.name for column in (*self._whose, *table.columns) if column.kind in ("text", "json")]
+        path, schema = self._out / f"{table.name}.parquet", schema.with_metadata(about)
+        writer = pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=repeating or False)
         self._writers[table.name] = self._files.enter_context(writer)
         self.tables.append(table)
         return writer

@@ -67,6 +67,17 @@ def test_a_session_is_read_once(tmp_path: Path, passes: list[str]) -> None:
     assert passes == ["s"]
 
 
+def test_some_tables_are_made_without_the_others(tmp_path: Path) -> None:
+    folder = make(tmp_path / "s")
+    some = ("odometry", "utterances")
+    copied(folder, tmp_path / "1", some)
+    assert not (folder / DERIVED_FOLDER).exists()
+    copied(folder, tmp_path / "2")
+    for name in some:
+        alone, among_all = (pq.read_table(tmp_path / out / f"{name}.parquet") for out in "12")
+        assert alone.equals(among_all, check_metadata=True)
+
+
 def test_stored_tables_are_private_and_no_part_of_the_recording(tmp_path: Path) -> None:
     folder = make(tmp_path / "study" / "sessions" / "s")
     before = os.umask(0o022)

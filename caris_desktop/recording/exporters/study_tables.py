@@ -302,13 +302,14 @@ _Computed = tuple[Table, list[tuple[Any, ...]]]
 
 
 def _column(name: str, kind: Kind, description: str, empty: str = "") -> Column:
-    return Column(name, unit_of(name), kind, description, lambda row, _: row, empty=empty)
+    return Column(name, unit_of(name), kind, description, lambda row: row, empty=empty)
 
 
 def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequence[tuple[str, str, float]]) -> _Computed:
     import duckdb
 
-    with duckdb.connect(":memory:") as database:
+    # One thread, so that sums are the same to the last digit in each run.
+    with duckdb.connect(":memory:", config={"threads": 1}) as database:
         for name, columns in TABLES.items():
             path = parquet / f"{name}.parquet"
             database.execute(table_sql(name, columns, str(path) if path.exists() else ""))
@@ -325,7 +326,7 @@ def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequenc
             one.unit,
             "number" if one.unit or one not in MEASURES else "integer",
             one.description,
-            lambda row, _: row,
+            lambda row: row,
             values=one.values,
             empty=described[one.name]["empty"],
         )

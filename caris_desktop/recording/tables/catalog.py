@@ -5,6 +5,7 @@ Long because it holds the whole mapping from types to columns.
 
 import dataclasses
 import functools
+import itertools
 import json
 import math
 import re
@@ -105,11 +106,22 @@ class RowTimes(Value):
     clock: SessionClock
     robot: RobotClock
 
-    def session_s(self, stamp_ns: int | None) -> float | None:
-        return None if stamp_ns is None else round((stamp_ns - self.clock.started_ns) / 1e9, 6)
+    def session_s(self, stamps_ns: Iterable[int | None]) -> list[float | None]:
+        started_ns = self.clock.started_ns
+        return [None if at_ns is None else round((at_ns - started_ns) / 1e9, 6) for at_ns in stamps_ns]
 
-    def measured(self, value: Any) -> Measured | None:
-        return _measured(self.robot, value.robot_stamp_ns, value.stamp_ns)
+    def utc_ns(self, stamps_ns: Iterable[int]) -> list[int]:
+        return list(map(self.clock.anchor.utc_ns_at, stamps_ns))
+
+    def measured_session_s(self, values: Iterable[Any]) -> list[float | None]:
+        return self.session_s(None if found is None else found.stamp_ns for found in self._measured(values))
+
+    def measured_uncertainty_s(self, values: Iterable[Any]) -> list[float | None]:
+        bounds_ns = (None if found is None else found.uncertainty_ns for found in self._measured(values))
+        return [None if bound_ns is None else round(bound_ns / 1e9, 6) for bound_ns in bounds_ns]
+
+    def _measured(self, values: Iterable[Any]) -> Iterator[Measured | None]:
+        return (_measured(self.robot, value.robot_stamp_ns, value.stamp_ns) for value in values)
 
 
 @functools.lru_cache(maxsize=5_000)
@@ -126,20 +138,26 @@ class Moment(NamedTuple):
 
 
 class Column(Value):
-    """One column. ``read`` takes the value of a row, in time columns its moment; ``clock`` is the one that a time is
-    told by. ``values`` are all that a text may have, ``empty`` is the meaning of an empty cell, or empty if there is
-    none. ``field`` is the field of a message in events.mcap that it shows as it is.
+    """One column. ``read`` takes the value of a row, in time columns its moment; ``convert`` turns the results for many
+    rows into cells, where these depend on clocks. ``clock`` is the one that a time is told by. ``values`` are all that
+    a text may have, ``empty`` is the meaning of an empty cell, or empty if there is none. ``field`` is the field of a
+    message in events.mcap that it shows as it is.
     """
 
     name: str
     unit: str
     kind: Kind
     description: str
-    read: Callable[[Any, RowTimes], Any]
+    read: Callable[[Any], Any]
     clock: ClockName = ""
     values: tuple[str, ...] = ()
     empty: str = ""
     field: str = ""
+    convert: Callable[[RowTimes, list[Any]], list[Any]] | None = None
+
+    def cells(self, rows: Iterable[Any], times: RowTimes) -> list[Any]:
+        found = list(map(self.read, rows))
+        return found if self.convert is None else self.convert(times, found)
 
 
 class Table(Value):
@@ -168,9 +186,10 @@ class Table(Value):
 
     def cells(self, rows: Sequence[tuple[Moment, Any]], times: RowTimes) -> list[list[Any]]:
         """Cells by column of rows, each given as its moment and value."""
+        moments, values = zip(*rows, strict=True) if rows else ((), ())
         return [
-            *([column.read(moment, times) for moment, _ in rows] for column in self.time_columns),
-            *([column.read(value, times) for _, value in rows] for column in self.own_columns),
+            *(column.cells(moments, times) for column in self.time_columns),
+            *(column.cells(values, times) for column in self.own_columns),
         ]
 
 
@@ -188,11 +207,11 @@ def key_columns(session: Session) -> tuple[Column, ...]:
 
 def key_values(session: Session) -> dict[str, Any]:
     """Values of the key columns, the same in every row."""
-    return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
+    return {column.name: column.read(None) for column in key_columns(session)}
 
 
 def _constant(name: str, description: str, value: str, empty: str) -> Column:
-    return Column(name, "", "text", description, lambda _row, _times: value, empty=empty)
+    return Column(name, "", "text", description, lambda _row: value, empty=empty)
 
 
 TIME_COLUMNS = (
@@ -201,23 +220,25 @@ TIME_COLUMNS = (
         "s",
         "number",
         "Time since the start of the session; negative: known before the start.",
-        lambda moment, times: times.session_s(moment.stamp_ns),
+        attrgetter("stamp_ns"),
         "session",
+        convert=RowTimes.session_s,
     ),
     Column(
         "utc",
         "",
         "utc",
         "The same time in UTC, from the clock of this computer at the start of the session.",
-        lambda moment, times: times.clock.anchor.utc_ns_at(moment.stamp_ns),
+        attrgetter("stamp_ns"),
         "UTC",
+        convert=RowTimes.utc_ns,
     ),
     Column(
         "stamp_ns",
         "ns",
         "integer",
         "The same time on the session's monotonic clock, for joining tables.",
-        lambda moment, _times: moment.stamp_ns,
+        attrgetter("stamp_ns"),
         "session",
     ),
 )
@@ -228,8 +249,9 @@ STREAM_TIME_COLUMNS = (
         "s",
         "number",
         "Arrival time at the console, since the start of the session; rows are in this order.",
-        lambda moment, times: times.session_s(moment.arrival_ns),
+        attrgetter("arrival_ns"),
         "session",
+        convert=RowTimes.session_s,
     ),
 )
 
@@ -278,11 +300,12 @@ def derived_columns(value_type: type[Any], names: str, docs: dict[str, str]) -> 
             owner, found = hint, getattr(hint, part, None)
             hints = typing.get_type_hints(found.fget if isinstance(found, property) else hint)
             hint = without_alias(hints["return" if isinstance(found, property) else part])
-        read: Callable[[Any], Any] = attrgetter(path or name)
-        read = _rounded(read) if name in _COMPUTED_S else read
         meaning = meaning_of(owner.__name__, name, _doc(owner)[1] | docs) or _no_meaning(name)
-        columns += _columns_of_field((name,), hint, meaning, item=False, read=read)
-    return tuple(dataclasses.replace(column, field="") for column in columns)
+        columns += _columns_of_field((name,), hint, meaning, item=False, at=path or name)
+    return tuple(
+        dataclasses.replace(column, field="", read=_rounded(column.read) if column.name in _COMPUTED_S else column.read)
+        for column in columns
+    )
 
 
 def _columns(
@@ -290,31 +313,38 @@ def _columns(
     path: tuple[str, ...] = (),
     *,
     item: bool = False,
+    at: str = "",
     within: Callable[[Any], Any] | None = None,
     outer: Meaning | None = None,
 ) -> Iterator[Column]:
-    """Columns of the fields of ``value_type``, found under ``path``, or by ``within``, in the value of a row.
+    """Columns of the fields of ``value_type``, which begin with ``path``. The fields are attributes ``at`` the value of
+    a row, or at the record that ``within`` reads from it, and are empty where that is None.
 
     An ``item`` of a list also gets columns for its time and its own lists. ``outer``: meaning of the whole record.
     """
     docs = _doc(value_type)[1]
     for name, hint in _fields(value_type):
         if path or item or name != "stamp_ns":
-            read = None if within is None else _reader((name,), within)
             meaning = meaning_of(value_type.__name__, name, docs) or _no_meaning(name)
             if outer is not None:
                 text = f"{outer.text.removesuffix('.')}: {meaning.text.removesuffix('.')}."
                 meaning = Meaning(text, outer.empty or meaning.empty)
-            yield from _columns_of_field((*path, name), hint, meaning, item=item, read=read)
+            yield from _columns_of_field((*path, name), hint, meaning, item=item, at=f"{at}{name}", within=within)
 
 
 def _columns_of_field(
-    path: tuple[str, ...], hint: Any, meaning: Meaning, *, item: bool, read: Callable[[Any], Any] | None = None
+    path: tuple[str, ...],
+    hint: Any,
+    meaning: Meaning,
+    *,
+    item: bool,
+    at: str,
+    within: Callable[[Any], Any] | None = None,
 ) -> Iterator[Column]:
     name, field = "_".join(path), ".".join(path)
     if name in _RESERVED:
         name = f"value_{name}"
-    within, read = read, read or _reader(path)
+    read = _reader(at, within)
     some = [member for member in union_members(hint) if member is not type(None)]
     hint, optional = some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
     unit = unit_of(name)
@@ -324,11 +354,12 @@ def _columns_of_field(
         meaning = Meaning(meaning.text)
     text, empty = meaning
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
-        yield from _columns(hint, path, item=item, within=within, outer=meaning)
+        at, within = ("", read) if optional else (f"{at}.", within)
+        yield from _columns(hint, path, item=item, at=at, within=within, outer=meaning)
     elif _record_list(hint) is not None and len(path) == 1 and not item:
         yield Column(
             f"{name}_count", "", "integer", f"Number of entries; each is a row of the table of {name}.",
-            lambda row, _: None if (records := read(row)) is None else len(records), empty=empty,
+            lambda row: None if (records := read(row)) is None else len(records), empty=empty,
         )  # fmt: skip
     elif dtype := array_dtype(hint):
         yield from _columns_of_array(name, unit, dtype, read, field)
@@ -341,7 +372,7 @@ def _columns_of_field(
         of_enum = isinstance(hint, type) and issubclass(hint, Enum)
         yield Column(
             name, unit, kind, f"{text} {written}".strip(),
-            (lambda row, _: _plain(read(row))) if of_enum else lambda row, _: read(row), clock, values, empty, field,
+            (lambda row: _plain(read(row))) if of_enum else read, clock, values, empty, field,
         )  # fmt: skip
         if clock == "session":
             yield Column(
@@ -349,9 +380,10 @@ def _columns_of_field(
                 "s",
                 "number",
                 f"{text.removesuffix('.')}; since the start of the session.",
-                lambda row, times: times.session_s(read(row)),
+                read,
                 clock,
                 empty=empty,
+                convert=RowTimes.session_s,
             )
 
 
@@ -366,7 +398,7 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
         unit,
         "integer",
         "Timestamp that the robot gave to the message, on the robot's clock.",
-        lambda row, _: read(row),
+        read,
         "robot",
         empty="The robot sent none.",
         field="robot_stamp_ns",
@@ -379,17 +411,19 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
             "Measurement time, since the start of the session: the robot's timestamp minus the offset of its clock. "
             "session_s gives the arrival time."
         ),
-        lambda row, times: None if (found := times.measured(row)) is None else times.session_s(found.stamp_ns),
+        _itself,
         "session",
         empty="The offset is unknown.",
+        convert=RowTimes.measured_session_s,
     )
     yield Column(
         "measured_uncertainty_s",
         "s",
         "number",
         "Bound of the error of measured_session_s (plus or minus).",
-        lambda row, times: None if (found := times.measured(row)) is None else round(found.uncertainty_ns / 1e9, 6),
+        _itself,
         empty="The offset is unknown.",
+        convert=RowTimes.measured_uncertainty_s,
     )
 
 
@@ -402,10 +436,10 @@ def _columns_of_array(
     yield Column(
         f"{name}_shape", "", "integers", f"Number of values in {name}; for a grid rows and columns, for points their "
             "number and coordinates.",
-        lambda row, _: None if (array := read(row)) is None else list(array.shape),
+        lambda row: None if (array := read(row)) is None else list(array.shape),
     )  # fmt: skip
     yield Column(
-        f"{name}_min", unit, "number", f"The smallest finite value in {name}.", lambda row, _: _smallest(read(row)),
+        f"{name}_min", unit, "number", f"The smallest finite value in {name}.", lambda row: _smallest(read(row)),
         empty="There is no finite value.",
     )  # fmt: skip
     description, empty = {
@@ -414,7 +448,7 @@ def _columns_of_array(
         "points": ("The points, as x and y in metres.", "There are no points."),
         "numbers": ("One value for each beam; inf: no return, nan: invalid.", "The device sends none."),
     }[kind]
-    yield Column(name, unit, kind, description, lambda row, _: read(row), empty=empty, field=field)
+    yield Column(name, unit, kind, description, read, empty=empty, field=field)
 
 
 def _fields(value_type: type[Any]) -> list[tuple[str, Any]]:
@@ -429,23 +463,26 @@ def _record_list(hint: Any) -> type[Any] | None:
     return item if isinstance(item, type) and dataclasses.is_dataclass(item) else None
 
 
+class _Entry(NamedTuple):
+    """Row of the table of a list field."""
+
+    number: int
+    value: Any
+
+
 def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
-    """Table of a list field; its rows are (number, item)."""
-    columns = [_of_item(column, f"{field}[].") for column in _columns(item_type, item=True)]
-    index = Column("number", "", "integer", f"Position among the {field} of this time, from 1.", lambda row, _: row[0])
+    columns = (
+        dataclasses.replace(column, field=f"{field}[].{column.field}" if column.field else "")
+        for column in _columns(item_type, item=True, at="value.")
+    )
+    index = Column("number", "", "integer", f"Position among the {field} of this time, from 1.", attrgetter("number"))
     return Table(
         f"{parent}_{field}",
         f"One row per entry of {field} in {parent}. {_doc(item_type)[0]}".strip(),
         (index, *columns),
-        lambda value: enumerate(getattr(value, field) or (), start=1),
+        lambda value: itertools.starmap(_Entry, enumerate(getattr(value, field) or (), start=1)),
         STREAM_TIME_COLUMNS,
     )
-
-
-def _of_item(column: Column, within: str) -> Column:
-    read = column.read
-    field = f"{within}{column.field}" if column.field else ""
-    return dataclasses.replace(column, read=lambda row, times: read(row[1], times), field=field)
 
 
 def _itself(value: Any) -> Any:
@@ -457,20 +494,12 @@ def _rounded(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return lambda value: None if (number := read(value)) is None else round(number, 6)
 
 
-def _reader(path: tuple[str, ...], within: Callable[[Any], Any] = _itself) -> Callable[[Any], Any]:
-    """Reader of a nested field; columns of a missing record are empty."""
-    if len(path) == 1 and within is _itself:
-        return attrgetter(path[0])
-
-    def read(value: Any) -> Any:
-        value = within(value)
-        for name in path:
-            if value is None:
-                return None
-            value = getattr(value, name)
-        return value
-
-    return read
+def _reader(at: str, within: Callable[[Any], Any] | None) -> Callable[[Any], Any]:
+    """Reader of a nested field."""
+    read = attrgetter(at)
+    if within is None:
+        return read
+    return lambda value: None if (record := within(value)) is None else read(record)
 
 
 def _in_words(name: str, unit: str) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -212,11 +213,9 @@ SESSION_TABLE = Table(
             "",
             "text",
             "Name of a property of the session, in dotted form as in session.json.",
-            lambda fact, _: fact.key,
+            attrgetter("key"),
         ),
-        Column(
-            "value", "", "text", "The property's value; its unit is in the name of the key.", lambda fact, _: fact.value
-        ),
+        Column("value", "", "text", "The property's value; its unit is in the name of the key.", attrgetter("value")),
     ),
 )
 
