@@ -527,9 +527,9 @@ class _Failed(Value):
 class Gamepads(QObject):
     """Gamepad in use. GUI thread; the console calls ``start()`` and ``stop()``.
 
-    The first connected gamepad is used, the next one after it is unplugged. No button event is lost; of stick positions
-    only the newest counts. Signals carry input mapped by the device's mapping; the owner of the settings loads mappings
-    with ``use_mappings_text`` and saves them on ``mappings_changed``.
+    ``device`` is the first connected gamepad, or the next one after it is unplugged. No button event is lost; of stick
+    positions only the newest counts. Signals carry input mapped by the device's mapping; the owner of the settings
+    loads mappings with ``use_mappings_text`` and saves them on ``mappings_changed``.
 
     ``state.gamepad`` is maintained; ``publish`` receives GamepadChanged for record and panels.
     """
@@ -550,10 +550,11 @@ class Gamepads(QObject):
         self._state = state
         self._publish = publish
         self._mappings: dict[str, GamepadMapping] = {}
-        self._device: GamepadDevice | None = None
-        self._mapping = GamepadMapping()
-        self._command = AT_REST
-        self._newest = GamepadSample(0, RawInputs())
+        self.device: GamepadDevice | None = None
+        self.mapping = GamepadMapping()
+        self.command = AT_REST
+        self.sample = GamepadSample(0, RawInputs())
+        """Newest input state."""
         self._taken_ns = 0
         self._down: frozenset[str] = frozenset()
         self._blocked = False
@@ -576,37 +577,16 @@ class Gamepads(QObject):
         if reader is not None and not reader.stop(timeout_s=0.5):
             _log.error("the gamepad thread did not end")
 
-    # Device
-
-    @property
-    def device(self) -> GamepadDevice | None:
-        """Gamepad in use."""
-        return self._device
-
-    @property
-    def sample(self) -> GamepadSample:
-        """Newest input state."""
-        return self._newest
-
-    @property
-    def command(self) -> TeleopCommand:
-        """Command of the sticks."""
-        return self._command
-
     # Mapping
-
-    @property
-    def mapping(self) -> GamepadMapping:
-        return self._mapping
 
     def set_mapping(self, mapping: GamepadMapping) -> None:
         """Set and save a mapping for the gamepad in use."""
-        if self._device is None or mapping == self._mapping:
+        if self.device is None or mapping == self.mapping:
             return
-        self._mapping = mapping
-        self._mappings[self._device.device] = mapping
+        self.mapping = mapping
+        self._mappings[self.device.device] = mapping
         # A button still down was pressed under its old binding.
-        self._hold_down(pressed_actions(mapping, self._newest.raw))
+        self._hold_down(pressed_actions(mapping, self.sample.raw))
         self._lose(QT_TR_NOOP("The gamepad settings changed"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
@@ -617,8 +597,8 @@ class Gamepads(QObject):
 
     def reset_mapping(self) -> None:
         """Restore the device's default mapping."""
-        if self._device is not None:
-            self.set_mapping(_default_for(self._device))
+        if self.device is not None:
+            self.set_mapping(_default_for(self.device))
 
     def use_mappings_text(self, text: str) -> None:
         """Load saved mappings. Invalid text is logged, and default mappings apply."""
@@ -627,8 +607,8 @@ class Gamepads(QObject):
         except MappingError as error:
             _log.warning("gamepad mappings were not used: %s", error)
             return
-        if self._device is not None:
-            self._mapping = self._mappings.get(self._device.device, self._mapping)
+        if self.device is not None:
+            self.mapping = self._mappings.get(self.device.device, self.mapping)
             self.mapping_changed.emit()
 
     # Input from the reader thread
@@ -637,7 +617,7 @@ class Gamepads(QObject):
         messages, newest = self._inbox.drain()
         now_ns = clock.now_ns()
         # The stick may have moved anywhere during a stall: it must return to centre first.
-        if self._command.moving and now_ns - self._taken_ns > STALE_NS:
+        if self.command.moving and now_ns - self._taken_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
         for message in messages:
@@ -645,13 +625,13 @@ class Gamepads(QObject):
                 self._on_plugged(message.device)
             elif isinstance(message, _Failed):
                 self._state.gamepad.set(GamepadStatus(detail=message.detail))
-            elif self._device is not None:
+            elif self.device is not None:
                 self._process_buttons(message)
-        if newest is not None and self._device is not None:
+        if newest is not None and self.device is not None:
             self._process_sticks(newest)
 
     def _process_buttons(self, sample: GamepadSample) -> None:
-        down = pressed_actions(self._mapping, sample.raw)
+        down = pressed_actions(self.mapping, sample.raw)
         new = down - self._down
         self._hold_down(down)
         # Stops come first, whatever else was pressed.
@@ -665,15 +645,15 @@ class Gamepads(QObject):
             self.released.emit(action)
 
     def _process_sticks(self, sample: GamepadSample) -> None:
-        self._newest = sample
+        self.sample = sample
         self._process_buttons(sample)
         self.sampled.emit(sample)
-        command = stick_command(self._mapping, sample.raw)
+        command = stick_command(self.mapping, sample.raw)
         if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
             self._blocked = self._blocked and command.moving
             command = AT_REST
-        if command != self._command:
-            self._command = command
+        if command != self.command:
+            self.command = command
             if command.moving:
                 self._watch.start()
             else:
@@ -681,30 +661,30 @@ class Gamepads(QObject):
             self.moved.emit(command)
 
     def _check_age(self) -> None:
-        if self._command.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
+        if self.command.moving and clock.now_ns() - self.sample.stamp_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The gamepad stopped responding"))
 
     def _lose(self, reason: str) -> None:
         """Release all input; sticks work again after they were centred."""
         self._watch.stop()
-        self._blocked = stick_command(self._mapping, self._newest.raw).moving
-        if self._command.moving:
-            self._command = AT_REST
+        self._blocked = stick_command(self.mapping, self.sample.raw).moving
+        if self.command.moving:
+            self.command = AT_REST
             self.lost.emit(reason)
 
     def _on_plugged(self, device: GamepadDevice | None) -> None:
-        former, self._device = self._device, device
+        former, self.device = self.device, device
         self._hold_down(frozenset())
-        self._newest = GamepadSample(clock.now_ns(), RawInputs())
+        self.sample = GamepadSample(clock.now_ns(), RawInputs())
         if former is not None:
             self._lose(QT_TR_NOOP("The gamepad was unplugged"))
             self._publish(GamepadChanged(clock.now_ns(), former.device, former.name, False))
         self._blocked = True
         if device is None:
-            self._mapping = GamepadMapping()
+            self.mapping = GamepadMapping()
             self._state.gamepad.set(GamepadStatus())
         else:
-            self._mapping = self._mappings.get(device.device) or _default_for(device)
+            self.mapping = self._mappings.get(device.device) or _default_for(device)
             self._publish(GamepadChanged(clock.now_ns(), device.device, device.name, True))
             known = device.controller or device.device in self._mappings
             detail = "" if known else QT_TR_NOOP("unknown gamepad: check its buttons")

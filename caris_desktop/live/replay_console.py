@@ -396,11 +396,11 @@ class ReplayConsole(QObject):
     def __init__(self, parts: ReplayAdapters, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._parts = parts
-        self._session = session
+        self.session = session
         # A bag of another program has unknown places; those of the default scenario would be wrong.
         foreign = bool(session.header.source)
         self._stand_in = replace(parts.start_scenario, places=()) if foreign else parts.start_scenario
-        self._scenario = self._stand_in
+        self.scenario = self._stand_in
         # Scenario as in its file, without the wizard's layout.
         self._opened = self._stand_in
         self._layout: LayoutNode | None = None
@@ -409,15 +409,15 @@ class ReplayConsole(QObject):
         self._refused_ns = 0
         self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
         anchor: ClockAnchor = session.clock.anchor
-        self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
-        self._frames = ReplayFrames()
+        self.state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
+        self.frames = ReplayFrames()
         self._slow_work = BackgroundWorker(self)
         self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
             session,
             self._clock,
-            self._state,
-            self._frames,
+            self.state,
+            self.frames,
             name_of=parts.name_of,
             frame_times=parts.frame_times,
             parent=self,
@@ -432,19 +432,20 @@ class ReplayConsole(QObject):
         self.seek, self.step = self._player.seek, self._player.step
         self.edit, self.import_annotations = self._coding.edit, self._coding.import_annotations
         self.undo, self.redo, self.undo_steps = self._coding.undo, self._coding.redo, self._coding.undo_steps
+        self.playback, self.overview, self.coding = self._player.playback, self._coding.overview, self._coding.coding
         self.request_thumbnail = self._thumbnails.request
-        self._photos = ReplayPhotos(session, self._state, self)
-        self._transcript = ReplayTranscript(session, self._state, self)
+        self._photos = ReplayPhotos(session, self.state, self)
+        self._transcript = ReplayTranscript(session, self.state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
-        self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
-        self._state.scenario.set(self._scenario)
-        self._state.places.set(self._scenario.places)
-        self._state.cameras.set(parts.cameras)
+        self._gate = Gate(self.state, lambda: self.scenario.permissions, replay=True)
+        self.state.scenario.set(self.scenario)
+        self.state.places.set(self.scenario.places)
+        self.state.cameras.set(parts.cameras)
 
     def with_names(self, text: str) -> str:
         """ReplayControls: text with names, if the scenario permits them."""
-        naming = self._scenario.permissions.naming_people
+        naming = self.scenario.permissions.naming_people
 
         def name_of(person_id: str) -> str:
             return (self._parts.name_of(person_id) if naming else None) or "somebody"
@@ -461,7 +462,7 @@ class ReplayConsole(QObject):
         self._coding.start()
         if self._live is not None:
             self._live.start()
-        session = self._session
+        session = self.session
         notices = dict.fromkeys((*session.notices, *session.losses))
         if notices:
             cut = not session.closed_properly
@@ -489,41 +490,13 @@ class ReplayConsole(QObject):
         self._transcript.close()
         self._slow_work.finish(lambda _words, wait: wait())
         self._asyncio.stop()
-        self._state.close()
+        self.state.close()
 
     # State for the window
 
     @property
-    def state(self) -> LiveState:
-        return self._state
-
-    @property
-    def scenario(self) -> Scenario:
-        return self._scenario
-
-    @property
-    def frames(self) -> ReplayFrames:
-        return self._frames
-
-    @property
-    def session(self) -> Session:
-        return self._session
-
-    @property
-    def playback(self) -> LiveValue:
-        return self._player.playback
-
-    @property
-    def overview(self) -> LiveValue:
-        return self._coding.overview
-
-    @property
     def live_robots(self) -> LiveValue:
         return self._no_live_robots if self._live is None else self._live.status
-
-    @property
-    def coding(self) -> LiveValue:
-        return self._coding.coding
 
     @property
     def settled(self) -> bool:
@@ -572,7 +545,7 @@ class ReplayConsole(QObject):
             elif isinstance(event, LayoutChanged):
                 self._layout = self._parts.read_layout(event)
             elif isinstance(event, RobotChosen):
-                self._state.robot.set(self._parts.read_robot(event))
+                self.state.robot.set(self._parts.read_robot(event))
         except ValueError as error:
             if event not in self._unreadable:
                 self._unreadable.add(event)
@@ -580,9 +553,9 @@ class ReplayConsole(QObject):
 
     def _show_scenario(self) -> None:
         displayed = self._opened if self._layout is None else replace(self._opened, layout=self._layout)
-        if displayed != self._scenario:
-            self._scenario = displayed
-            self._state.scenario.set(displayed)
+        if displayed != self.scenario:
+            self.scenario = displayed
+            self.state.scenario.set(displayed)
 
     # Intents: refused, because the session is over
 

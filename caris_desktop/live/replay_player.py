@@ -51,20 +51,16 @@ class PlaybackClock:
         self._now_ns = now_ns
         self._position_ns = start_ns
         self._since_ns: int | None = None
-        self._rate = 1.0
+        self.rate = 1.0
 
     @property
     def playing(self) -> bool:
         return self._since_ns is not None
 
-    @property
-    def rate(self) -> float:
-        return self._rate
-
     def position_ns(self) -> int:
         if self._since_ns is None:
             return self._position_ns
-        elapsed_ns = round((self._now_ns() - self._since_ns) * self._rate)
+        elapsed_ns = round((self._now_ns() - self._since_ns) * self.rate)
         return min(self.end_ns, self._position_ns + elapsed_ns)
 
     def play(self) -> None:
@@ -77,7 +73,7 @@ class PlaybackClock:
 
     def set_rate(self, rate: float) -> None:
         self.seek(self.position_ns())
-        self._rate = min(MOST_RATE, max(LEAST_RATE, rate))
+        self.rate = min(MOST_RATE, max(LEAST_RATE, rate))
 
     def seek(self, at_ns: int) -> None:
         self._position_ns = min(self.end_ns, max(self.start_ns, at_ns))

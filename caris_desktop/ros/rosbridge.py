@@ -119,11 +119,7 @@ class FragmentAssembler:
     def __init__(self, *, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
         self._max_bytes = max_bytes
         self._pending: dict[str | int, tuple[float, dict[int, str]]] = {}
-        self._held_bytes = 0
-
-    @property
-    def held_bytes(self) -> int:
-        return self._held_bytes
+        self.held_bytes = 0
 
     def add(self, fragment: dict[str, Any]) -> dict[str, Any] | None:
         """Whole operation if ``fragment`` was the last missing one, else None.
@@ -142,7 +138,7 @@ class FragmentAssembler:
             raise ProtocolError("the fragment is inconsistent with an earlier one of the same message")
         if number not in pieces:
             pieces[number] = data
-            self._held_bytes += len(data)
+            self.held_bytes += len(data)
         text = _joined(pieces, total)
         if text is not None and len(pieces) == math.ceil(total):
             self._drop(key)
@@ -152,7 +148,7 @@ class FragmentAssembler:
                 joined = decode_json(text, max_bytes=self._max_bytes)
                 self._drop(key)
                 return joined
-        while self._held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
+        while self.held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
             oldest = next(iter(self._pending))
             self._drop(oldest)
             if oldest == key:
@@ -162,11 +158,11 @@ class FragmentAssembler:
     def clear(self) -> None:
         """Drop everything, as after a reconnection."""
         self._pending.clear()
-        self._held_bytes = 0
+        self.held_bytes = 0
 
     def _drop(self, key: str | int) -> None:
         _, pieces = self._pending.pop(key)
-        self._held_bytes -= sum(len(piece) for piece in pieces.values())
+        self.held_bytes -= sum(len(piece) for piece in pieces.values())
 
 
 def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.face.face_file import Expression, Face
+from caris_desktop.conversation.face.face_file import Face
 from caris_desktop.domain.value_class import Value
 
 BLINK_S = 0.16
@@ -64,7 +64,7 @@ class FaceMotion:
     def __init__(self, face: Face, *, seed: int | None = None) -> None:
         self._random = random.Random(seed)  # noqa: S311 - when to blink
         self._face = face
-        self._expression = face.expressions[0]
+        self.expression = face.expressions[0]
         self._gaze = (0.0, 0.0)
         self._voice: SpokenLoudness | None = None
         self._hearing = False
@@ -72,17 +72,13 @@ class FaceMotion:
         self._at_ns: int | None = None
         self._blink_ns: int | None = None
 
-    @property
-    def expression(self) -> Expression:
-        return self._expression
-
     def use(self, face: Face) -> None:
         """Change the face, preserving the expression by name if it has one."""
         self._face = face
-        self._expression = face.expression(self._expression.name)
+        self.expression = face.expression(self.expression.name)
 
     def express(self, name: str) -> None:
-        self._expression = self._face.expression(name)
+        self.expression = self._face.expression(name)
 
     def turn_gaze_to(self, right: float, up: float) -> None:
         """Set the gaze, -1 to 1 as seen on the screen."""
@@ -134,7 +130,7 @@ class FaceMotion:
         return self._blink_ns is not None and self._at_ns is not None and self._at_ns >= self._blink_ns
 
     def _at_rest(self) -> FaceState:
-        expression = self._expression
+        expression = self.expression
         right, up = self._gaze
         hearing = 1.0 if self._hearing else 0.0
         return FaceState(
