@@ -4,11 +4,9 @@ console that runs at the same time.
 GUI thread unless stated otherwise.
 """
 
-import asyncio
 import bisect
 import logging
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -30,11 +28,11 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
     Severity,
 )
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
@@ -63,8 +61,6 @@ from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
-_SAVED_WITHIN_S = 5.0
-
 Tell = Callable[[str, str, str], None]
 """what happened, its meaning, advice"""
 
@@ -74,34 +70,21 @@ class AnnotationSession(QObject):
 
     _overview_made = Signal(object)
     _overview_missing = Signal()
-    _save_failed = Signal(object)  # a Qt str would lose the localisable parts
 
-    def __init__(
-        self,
-        session: Session,
-        asyncio_thread: AsyncioThread,
-        problem: Tell,
-        parent: QObject | None = None,
-        *,
-        unsaved_dir: Path | None = None,
-    ) -> None:
+    def __init__(self, session: Session, problem: Tell, parent: QObject, *, unsaved_dir: Path | None) -> None:
         """``unsaved_dir``: fallback for what cannot be saved in the session folder."""
         super().__init__(parent)
         self._session = session
         self._unsaved_dir = unsaved_dir
-        self._asyncio = asyncio_thread
         self._problem = problem
         self.overview = LiveValue(None, self)
         self.coding = LiveValue(AnnotationDocument(), self)
         self._history = EditHistory(AnnotationDocument())
-        self._reading = BackgroundWorker(self)
-        self._saving = asyncio.Lock()
+        self._slow_work = BackgroundWorker(self)
         self._saved = AnnotationDocument()
-        self._unsaved: Future[None] | None = None
         self._overview_maker: ChildProcess | None = None
         self._overview_made.connect(self.overview.set)
         self._overview_missing.connect(self._on_overview_missing)
-        self._save_failed.connect(self._on_save_failed)
 
     def start(self) -> None:
         """Load existing annotations, and compute the overview in the background."""
@@ -125,19 +108,12 @@ class AnnotationSession(QObject):
         )
 
     def close(self) -> str:
-        """Wait until everything is saved, at most ten seconds; returns a message about what could not
-        be, else empty.
-        """
+        """Wait until everything is saved; returns a message about what could not be, else empty."""
         if self._overview_maker is not None:
             self._overview_maker.stop(grace_s=0.0)
-        self._reading.finish(lambda _words, wait_for_it: wait_for_it())
-        saving, self._unsaved = self._unsaved, None
-        if saving is None:
-            return ""
-        wait([saving], timeout=_SAVED_WITHIN_S)
-        if saving.done() and self._saved != self._history.document:
-            # The cause of a failed save may be fixed meanwhile.
-            wait([self._asyncio.submit(self._save(self._history.document))], timeout=_SAVED_WITHIN_S)
+        if self._saved != self._history.document:
+            self._save(self._history.document)  # the cause of a failed save may be fixed meanwhile
+        self._slow_work.finish(lambda _words, work: work())
         document, saved = self._history.document, self._saved
         if saved == document:
             return ""
@@ -204,7 +180,7 @@ class AnnotationSession(QObject):
                 refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
             on_result(refused)
 
-        self._reading.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
+        self._slow_work.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
 
     def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
         before = self.coding.value
@@ -216,21 +192,24 @@ class AnnotationSession(QObject):
 
     def _show(self, document: AnnotationDocument) -> None:
         self.coding.set(document)
-        self._unsaved = self._asyncio.submit(self._save(document))
+        self._save(document)
 
-    async def _save(self, document: AnnotationDocument) -> None:
-        async with self._saving:
-            if document is not self._history.document:
-                return  # a newer version is queued
+    def _save(self, document: AnnotationDocument) -> None:
+        self._slow_work.do(
+            lambda: self._write(document),
+            lambda _saved: None,
+            lambda failure: self._problem(failure.what, tr(failure.meaning), failure.advice),
+        )
+
+    def _write(self, document: AnnotationDocument) -> None:  # background thread
+        if document is not self._history.document:
+            return  # a newer version is queued
+        advice = tr("Free some disk space, or make the session's folder writable; the next change saves them all.")
+        with reported((AnnotationError, OSError), tr("Your annotations are not saved."), advice):
             for coder in sorted({*coders_of(document), *coders_of(self._saved)}):
-                if tiers_of_coder(document, coder) == tiers_of_coder(self._saved, coder):
-                    continue
-                try:
-                    await asyncio.to_thread(save_coder, self._session.folder, document, coder)
-                except (AnnotationError, OSError) as error:
-                    self._save_failed.emit(str(error))
-                    return
-            self._saved = document
+                if tiers_of_coder(document, coder) != tiers_of_coder(self._saved, coder):
+                    save_coder(self._session.folder, document, coder)
+        self._saved = document
 
     def _on_overview_missing(self) -> None:
         if self.overview.value is None:
@@ -239,13 +218,6 @@ class AnnotationSession(QObject):
                 tr("Replay and annotation still work."),
                 tr("Close the replay and open it again; the log has the details."),
             )
-
-    def _on_save_failed(self, reason: str) -> None:
-        self._problem(
-            tr("Your annotations are not saved."),
-            tr(reason),
-            tr("Free some disk space, or make the session's folder writable; the next change saves them all."),
-        )
 
 
 _STREAMS = ("event/photo_taken", "event/photo_tagged", "event/photo_deleted")
@@ -412,7 +384,6 @@ class ReplayConsole(QObject):
         self.state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
         self.frames = ReplayFrames()
         self._slow_work = BackgroundWorker(self)
-        self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
             session,
             self._clock,
@@ -424,9 +395,7 @@ class ReplayConsole(QObject):
         )
         self._player.standing_changed.connect(self._on_state_changed)
         self._player.standing_jumped.connect(self._on_state_jumped)
-        self._coding = AnnotationSession(
-            session, self._asyncio, self._report_failure, self, unsaved_dir=parts.unsaved_dir
-        )
+        self._coding = AnnotationSession(session, self._report_failure, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self.thumbnail_made.emit)
         self.play, self.pause, self.set_rate = self._player.play, self._player.pause, self._player.set_rate
         self.seek, self.step = self._player.seek, self._player.step
@@ -489,7 +458,6 @@ class ReplayConsole(QObject):
         self._photos.close()
         self._transcript.close()
         self._slow_work.finish(lambda _words, wait: wait())
-        self._asyncio.stop()
         self.state.close()
 
     # State for the window
