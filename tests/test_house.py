@@ -50,7 +50,6 @@ READ_ASIDE = {
     "live/session_library.py: _begun_replay": "slow work",
     "live/session_library.py: _holds_something": "slow work",
     "live/session_library.py: _not_yet_there": "slow work",
-    "live/robot_connections.py: SimulatedRobotProcess.start": "a program is started, before the robot is there",
     "ui/export_dialog.py: ExportDialog._choose_folder": "Qt's own file dialog reads the same folder as it opens",
     "ui/help_window.py": "the installed guide, in a window whose opening ends driving",
     "ui/theme.py: _font_files": "the program's own files, once",
