@@ -148,7 +148,7 @@ class OwnTracker:
 
     def follow(self, corners_px: Floats, confidences: Floats, frame: TrackerFrame) -> list[tuple[int, int]]:
         height_px, width_px = frame.image_bgr.shape[:2]
-        found = self._tracker.follow(
+        return self._tracker.follow(
             corners_px,
             confidences,
             frame.stamp_s,
@@ -156,7 +156,6 @@ class OwnTracker:
             picture_px=(width_px, height_px),
             appearance_of=frame.embed if self._appearance else None,
         )
-        return [(each.number, each.box) for each in found]
 
 
 class DeepSortTracker:
