@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any, TypeVar
 
@@ -29,21 +29,12 @@ def do_in_parallel(work: Callable[[], None], meanwhile: Callable[[], None]) -> N
 
     Meanwhile ``meanwhile`` is called repeatedly in the calling thread.
     """
-    failures: list[Exception] = []
-
-    def do() -> None:
-        try:
-            work()
-        except Exception as failure:  # raised again in the calling thread
-            failures.append(failure)
-
-    thread = threading.Thread(target=do, name="slow work")
-    thread.start()
-    while thread.is_alive():
-        meanwhile()
-        thread.join(_STEP_S)
-    if failures:
-        raise failures[0]
+    with ThreadPoolExecutor(1, "slow-work") as executor:
+        future = executor.submit(work)
+        while not future.done():
+            meanwhile()
+            wait([future], _STEP_S)
+        future.result()
 
 
 class BackgroundWorker(QObject):

@@ -53,7 +53,7 @@ from caris_desktop.live.services.sound_service import SoundAdapters, SoundServic
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
-from caris_desktop.live.state import LiveState, StatusTap
+from caris_desktop.live.state import LiveState, tap_status
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -176,7 +176,7 @@ class Console(QObject):
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
             governor, another_robot, HealthService(state, lambda: self._services, self),
         )  # fmt: skip
-        self._status_tap = StatusTap(state, recording.put, self)
+        tap_status(state, recording.put)
         bus.before_work(self._drive.renew_before_work)
         self._gate = Gate(state, lambda: self.scenario.permissions)
         self._handlers: dict[type[Intent], Handler] = {}

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain.events import (
     CommandSent,
@@ -31,6 +31,7 @@ from caris_desktop.domain.streams import (
     streams_voided_by,
 )
 from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
 from caris_desktop.live.state import LiveState, LiveValue, show_status
 from caris_desktop.live.status import PlaybackStatus
@@ -305,9 +306,7 @@ class ReplayPlayer(QObject):
         self._failed.connect(self._on_failed, Qt.ConnectionType.QueuedConnection)
         self._feed = ReplayFeed(session, ready=self._situation_ready.emit, failed=self._failed.emit)
         self._video = ReplayVideo(session, frames, self._frame_ready.emit)
-        self._timer = QTimer(self)
-        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._tick)
+        self._timer = new_timer(self, self._tick, _TICK_MS, precise=True)
 
     def start(self) -> None:
         """Start paused at the beginning."""
@@ -329,7 +328,7 @@ class ReplayPlayer(QObject):
             self.seek(self._clock.start_ns)
         self._clock.play()
         self._feed.read_ahead(playing=True)
-        self._timer.start(_TICK_MS)
+        self._timer.start()
         self._notify()
 
     def pause(self) -> None:

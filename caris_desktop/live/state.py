@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -542,30 +543,16 @@ require_recordable(*(kind for name, kind in STATUS_TYPES.items() if name != "con
 _REASONS = ("detail", "reason", "cap_reason", "guard_detail")
 
 
-class StatusTap(QObject):
-    """Passes every change to ``record``, and the initial values."""
+def tap_status(state: LiveState, record: Callable[[StatusShown], None]) -> None:
+    """Pass the present values and every change to ``record``."""
 
-    def __init__(self, state: LiveState, record: Callable[[StatusShown], None], parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._record = record
-        self._watches = [_Watch(name, getattr(state, name), self._on_changed, self) for name in STATUS_TYPES]
+    def report(name: str, value: Any) -> None:
+        record(StatusShown(clock.now_ns(), name, content_of(name, value)))
 
-    def _on_changed(self, name: str, value: Any) -> None:
-        self._record(StatusShown(clock.now_ns(), name, content_of(name, value)))
-
-
-class _Watch(QObject):
-    """Observer of one value, which knows its name."""
-
-    def __init__(self, name: str, value: LiveValue, report: Callable[[str, Any], None], parent: QObject) -> None:
-        super().__init__(parent)
-        self._name = name
-        self._report = report
-        value.changed.connect(self._on_changed)
+    for name in STATUS_TYPES:
+        value: LiveValue = getattr(state, name)
+        value.changed.connect(partial(report, name))
         report(name, value.value)
-
-    def _on_changed(self, value: Any) -> None:
-        self._report(self._name, value)
 
 
 def show_status(state: LiveState, status: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
