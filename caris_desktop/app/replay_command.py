@@ -1,7 +1,6 @@
 """``caris-desktop replay``: a recorded session, or a foreign bag, in the console's window."""
 
 import argparse
-import asyncio
 import functools
 import gc
 import hashlib
@@ -28,7 +27,7 @@ from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.background_worker import AsyncioThread
+from caris_desktop.live.background_worker import do_in_parallel
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
@@ -49,7 +48,6 @@ from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
-_POLL_EVERY_S = 0.02
 _IMPORT_PREFIX = ".import-"
 _UNFINISHED_AFTER_S = 24 * 3600.0
 # Each jump requests these again, and parsing one takes longer than the window may freeze.
@@ -199,15 +197,9 @@ def _opened(folder: Path) -> Session:
     dialog.setCancelButton(None)
     dialog.setMinimumDuration(500)
     dialog.setValue(0)
-    background = AsyncioThread()
     try:
-        opened = background.submit(asyncio.to_thread(open_session, folder))
-        while not opened.done():
-            QApplication.processEvents()
-            time.sleep(_POLL_EVERY_S)
-        return opened.result()
+        return do_in_parallel(lambda: open_session(folder), QApplication.processEvents)
     finally:
-        background.stop()
         dialog.close()
 
 

@@ -24,8 +24,8 @@ During = Callable[[str, Callable[[], None]], None]
 Outcome = Callable[[], None]
 
 
-def do_in_parallel(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
-    """Run ``work``, which must not use Qt, in a thread; returns or raises with it.
+def do_in_parallel(work: Callable[[], T], meanwhile: Callable[[], object]) -> T:
+    """Run ``work``, which must not use Qt, in a thread; returns or raises what it does.
 
     Meanwhile ``meanwhile`` is called repeatedly in the calling thread.
     """
@@ -34,7 +34,7 @@ def do_in_parallel(work: Callable[[], None], meanwhile: Callable[[], None]) -> N
         while not future.done():
             meanwhile()
             wait([future], _STEP_S)
-        future.result()
+        return future.result()
 
 
 class BackgroundWorker(QObject):
