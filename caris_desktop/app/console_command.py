@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QLockFile, QSettings, Qt, QTimer
+from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
@@ -428,15 +429,20 @@ def end_on_request(console_run: ConsoleRun) -> None:
         # Nobody can be asked, and a window in use for driving would stay.
         application.exit(0)
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), end)
-    heartbeat = QTimer(application)  # Python handles signals only between Qt events
-    heartbeat.timeout.connect(_let_python_run)
-    heartbeat.start(200)
+    on_signals(application, end)
     application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
     application.aboutToQuit.connect(console.expect_end)
     end_with_screen(application)
+
+
+def on_signals(application: QApplication, end: Callable[[int, object], None]) -> None:
+    """Call ``end`` on Ctrl+C, when the terminal is closed, and when the system asks the program to end."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), end)
+    heartbeat = QTimer(application)
+    heartbeat.timeout.connect(lambda: None)  # Python handles signals only between Qt events
+    heartbeat.start(200)
 
 
 def check_screen() -> None:
@@ -448,10 +454,6 @@ def check_screen() -> None:
             "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' creates a virtual "
             "screen for it."
         )
-
-
-def _let_python_run() -> None:
-    """Return to Python, so that pending signal handlers run."""
 
 
 def default_arguments(**changes: object) -> argparse.Namespace:

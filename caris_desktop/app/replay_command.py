@@ -7,7 +7,6 @@ import hashlib
 import json
 import logging
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -21,7 +20,7 @@ from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
-from caris_desktop.app.console_command import check_screen
+from caris_desktop.app.console_command import check_screen, on_signals
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
 from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
@@ -83,11 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     session = replay.console.session
     for sentence in dict.fromkeys((*session.notices, *session.losses)):
         print(sentence, file=sys.stderr)
-    signal.signal(signal.SIGINT, lambda *_: replay.application.closeAllWindows())
-    signal.signal(signal.SIGTERM, lambda *_: replay.application.closeAllWindows())
-    heartbeat = QTimer()
-    heartbeat.timeout.connect(lambda: None)  # Python handles signals only between Qt events
-    heartbeat.start(200)
+    on_signals(replay.application, lambda *_: replay.application.closeAllWindows())
     end_with_screen(replay.application)
     replay.show()
     try:
