@@ -143,6 +143,9 @@ class AnnotationSession(QObject):
         return folder / "annotations"
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
+        """Apply a function of ``annotation_editing``, and save the result in the background; returns the reason if
+        refused, else empty.
+        """
         try:
             document = self._history.apply(edit)
         except AnnotationError as refusal:
@@ -152,6 +155,7 @@ class AnnotationSession(QObject):
         return ""
 
     def undo_steps(self) -> tuple[str, str]:
+        """Names of the steps that ``undo`` and ``redo`` would change, in the wizard's language; empty for none."""
         return tr(self._history.undo_step), tr(self._history.redo_step)
 
     def undo(self) -> bool:
@@ -161,8 +165,7 @@ class AnnotationSession(QObject):
         return self._step(self._history.redo)
 
     def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
-        """Import in a background thread; returns at once."""
-
+        """Import an .eaf or CSV file as ``coder``'s; ``on_result`` receives the refusal, or ''."""
         skipped: list[str] = []
 
         def read() -> AnnotationDocument | str:
@@ -360,10 +363,17 @@ class ReplayAdapters(Value):
 
 
 class ReplayConsole(QObject):
-    """Implements WizardConsole, refusing intents, and ReplayControls."""
+    """Implements WizardConsole, refusing intents, and controls the replay. Every call returns at once.
+
+    ``playback`` holds a PlaybackStatus, ``overview`` a SessionOverview once computed (None until then), ``coding`` the
+    annotations of all coders as an AnnotationDocument. ``live_robots`` holds a LiveRobotsStatus of robots that intents
+    to stop affect.
+    """
 
     thumbnail_made = Signal(str, object, object)
+    """(camera, at_ns, image_bgr): a requested thumbnail; an empty array if there is no image."""
     noticed = Signal(object)
+    """(Problem): problems of the replay itself; those of the session are in its log."""
 
     def __init__(self, parts: ReplayAdapters, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -413,7 +423,7 @@ class ReplayConsole(QObject):
         self.state.cameras.set(parts.cameras)
 
     def with_names(self, text: str) -> str:
-        """ReplayControls: text with names, if the scenario permits them."""
+        """Transcript text with names in place of recorded ids, if the scenario permits them."""
         naming = self.scenario.permissions.naming_people
 
         def name_of(person_id: str) -> str:
@@ -471,9 +481,8 @@ class ReplayConsole(QObject):
         """Whether the display matches the position."""
         return self._player.settled
 
-    # ReplayControls
-
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
+        """Go to the next mark or utterance in that direction; False if there is none."""
         overview: SessionOverview | None = self._coding.overview.value
         if overview is None:
             return False

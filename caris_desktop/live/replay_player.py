@@ -338,14 +338,17 @@ class ReplayPlayer(QObject):
         self._notify()
 
     def set_rate(self, rate: float) -> None:
+        """Set the rate, 0.1 to 16."""
         self._clock.set_rate(rate)
         self._notify()
 
     def seek(self, at_ns: int) -> None:
+        """Seek to a time of the session clock, clamped to the session."""
         self._clock.seek(at_ns)
         self._jump()
 
     def step(self, frames: int) -> None:
+        """Pause and move by this many frames, backward if negative."""
         self.pause()
         frame: FrameRef | None = self._state.frame.value
         times = self._frame_times(frame.camera) if frame is not None else []

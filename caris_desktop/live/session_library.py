@@ -53,7 +53,7 @@ class _Replay(Value):
 
 
 class LiveSessionLibrary(QObject):
-    """Implements SessionLibrary. ``found`` holds a LibraryStatus, ``export`` an ExportStatus."""
+    """``found`` holds a LibraryStatus, ``export`` an ExportStatus. Every call returns at once."""
 
     _looked = Signal(object)
     _exporter_spoke = Signal(object, object)
@@ -103,6 +103,7 @@ class LiveSessionLibrary(QObject):
     # Search
 
     def find(self, query: SessionQuery) -> None:
+        """Search, update the index, and search again."""
         self.found.update(query=query, updating=True)
         self._requested = query
         self._index_work.do(partial(self._search, query), lambda _found: None, self._notify)
@@ -175,6 +176,9 @@ class LiveSessionLibrary(QObject):
     def choose_export_folder(
         self, sessions: Sequence[Path], on_folder: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
+        """Propose a new export folder; ``on_folder`` receives it later. ``chosen``: the wizard's folder, used itself if
+        empty, else a new subfolder.
+        """
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
         usual = self._study / "exports" / name
 
@@ -195,6 +199,10 @@ class LiveSessionLibrary(QObject):
         with_names: bool = False,
         csv: CsvStyle = SHOWN,
     ) -> None:
+        """Export each session in each format in a process.
+
+        Wizards, coders and the robot's address are pseudonymised unless ``with_names``.
+        """
         if self._exporter is not None:
             return
         from caris_desktop.recording.session_export import ExportRequest, run_exports
@@ -219,6 +227,7 @@ class LiveSessionLibrary(QObject):
         exporter.start()
 
     def cancel_export(self) -> None:
+        """Cancel the export; complete files stay, partial ones are removed."""
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return

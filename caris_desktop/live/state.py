@@ -191,31 +191,23 @@ class LiveValue(QObject):
 
 
 class LiveState(QObject):
-    """All state that panels may show.
+    """All state that panels may show: LiveStreams of the stream table, and LiveValues. Values whose first one does not
+    show their type:
 
-    ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
-    ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
-    ``assistant``, ``load``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
-    (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
-    (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control id
-    to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus). ``face`` is a
-    FaceStatus, ``face_drawing`` its current contents (Drawing, image array, JPEG data, or None) and ``face_page`` the
-    secret address of its page. ``voice`` is a VoiceStatus, ``marks`` a MarksStatus, ``notes`` the session's notes, in a
-    replay all of them (tuple of FinalMark), ``protocol`` a ProtocolStatus, ``preflight`` a tuple of PreflightCheck.
-    ``microphone`` (the participant's) and ``wizard_microphone`` are MicrophoneStatus, ``sound`` a SoundStatus,
-    ``listening`` a ListeningStatus, ``photos`` a tuple of PhotoEntry, newest first. ``levels`` is a LevelsStatus,
-    ``suggestions`` a SuggestionsStatus, ``proposal`` a ProposalStatus. ``cameras`` are the names of cameras with video,
-    ``camera`` is the one on display: ``frame`` and ``people`` belong to it, ``people_in_map`` and ``persons`` to all.
-    :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are streams per camera, with their own age. ``own_cameras``
-    are those of this computer, a CameraModel or None by name, and ``camera_state`` their state. ``named_person`` is the
-    id of the person being named. ``selected_person`` is the id of the selected person, empty for none; ``asked_person``
-    is the IdentityQuestion that keys answer, or None, and ``person_history`` the last lookup, a PersonHistory
-    or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
-    rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
-    an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each
-    child process by name.
+    ``goal`` (GoalChanged or None), ``persons`` and ``everybody`` (tuples of PersonRow: people present, and also former
+    and known ones), ``robot`` (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple
+    of Place), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control id to ControlStatus),
+    ``traffic`` (dict of link name to TrafficMeasured), ``notes`` (tuple of FinalMark), ``preflight`` (tuple of
+    PreflightCheck), ``photos`` (tuple of PhotoEntry, newest first), ``transcript`` (tuple of Turn), ``asked_person``
+    (IdentityQuestion that keys answer, or None), ``person_history`` (PersonHistory of the last lookup, or None).
+    Transcript and notes are those of the session, in a replay all of it.
 
-    ``speech_history`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
+    ``cameras`` are the names of cameras with video, ``camera`` is the one on display: ``frame`` and ``people`` belong
+    to it, ``people_in_map`` and ``persons`` to all. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are
+    streams per camera, with their own age. ``own_cameras`` are those of this computer, a CameraModel or None by name.
+    ``face_drawing`` is the face's current contents (Drawing, image array, JPEG data, or None) and ``face_page`` the
+    secret address of its page. ``selected_person`` and ``named_person`` are ids, empty for none; ``portraits`` maps the
+    keys in rows of people to images. ``speech_history`` (sentences, oldest first) includes earlier sessions;
     ``phrase_group`` is the index of the group on the phrase keys, ``fillers_spoken`` a count. ``chosen_utterance`` is
     the id of the utterance selected in the queue, ``held_marks`` are the ids of marks whose key is down.
 
