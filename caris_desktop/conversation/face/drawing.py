@@ -70,7 +70,7 @@ class FaceMotion:
         self._hearing = False
         self._state = self._at_rest()
         self._at_ns: int | None = None
-        self._blink_ns: int | None = None
+        self.next_blink_ns: int | None = None
 
     def use(self, face: Face) -> None:
         """Change the face, preserving the expression by name if it has one."""
@@ -121,13 +121,9 @@ class FaceMotion:
         )  # fmt: skip
         return moving < _STILL and self._voice is None and not self._blinking
 
-    def next_blink_ns(self) -> int | None:
-        """Time of the next blink; None: never."""
-        return self._blink_ns
-
     @property
     def _blinking(self) -> bool:
-        return self._blink_ns is not None and self._at_ns is not None and self._at_ns >= self._blink_ns
+        return self.next_blink_ns is not None and self._at_ns is not None and self._at_ns >= self.next_blink_ns
 
     def _at_rest(self) -> FaceState:
         expression = self.expression
@@ -158,13 +154,13 @@ class FaceMotion:
     def _lids(self, now_ns: int) -> float:
         """Eye opening factor during a blink."""
         if not self._face.blink_every_s:
-            self._blink_ns = None
+            self.next_blink_ns = None
             return 1.0
-        if self._blink_ns is None:
-            self._blink_ns = now_ns + self._pause_ns()
-        into_s = (now_ns - self._blink_ns) / 1e9
+        if self.next_blink_ns is None:
+            self.next_blink_ns = now_ns + self._pause_ns()
+        into_s = (now_ns - self.next_blink_ns) / 1e9
         if into_s >= BLINK_S:
-            self._blink_ns = now_ns + self._pause_ns()
+            self.next_blink_ns = now_ns + self._pause_ns()
             return 1.0
         return 1.0 if into_s < 0 else abs(1.0 - 2.0 * into_s / BLINK_S)
 

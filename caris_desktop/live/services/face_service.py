@@ -370,7 +370,7 @@ class FaceService(ContextService):
         expression = motion.at(now_ns)
         self._show(drawing_of(face, expression, caption=self._caption if self._captions else ""))
         if motion.still:
-            blink_ns = motion.next_blink_ns()
+            blink_ns = motion.next_blink_ns
             if blink_ns is None:
                 self._drawing.stop()
             else:
