@@ -22,7 +22,7 @@ from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import build_parser
 from caris_desktop.app.composition import StartError
-from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot, call_simulator
+from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
 from caris_desktop.app.user_settings import (
     OwnLayoutFiles,
@@ -182,7 +182,7 @@ class ConsoleRun:
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
         self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
-        self.console.gamepads.mappings_changed.connect(self._store_gamepads)
+        self.console.gamepads.mappings_changed.connect(partial(self.settings.setValue, _GAMEPADS_KEY))
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
         self.console.state.link.changed.connect(self._on_link_changed)
 
@@ -329,10 +329,8 @@ class ConsoleRun:
             self.demo_robot.use(actor)
 
     def _cut_link(self, seconds: float) -> None:
-        address = self.demo_robot.address_of(PROFILE) if self.demo_robot is not None else None
-        if address is not None:
-            fault = {"command": f"drop_link:{seconds:g}"}
-            self.console.asyncio_thread.submit(call_simulator(address, FAULT, [fault]))
+        if self.demo_robot is not None:
+            self.demo_robot.call(FAULT, [{"command": f"drop_link:{seconds:g}"}])
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -363,9 +361,6 @@ class ConsoleRun:
 
     def _store_microphone(self, role: Role, name: str | None) -> None:
         self.settings.setValue(_MICROPHONE_KEYS[role], _NO_MICROPHONE if name is None else name)
-
-    def _store_gamepads(self, mappings: str) -> None:
-        self.settings.setValue(_GAMEPADS_KEY, mappings)
 
     def _on_link_changed(self, link: LinkStatus) -> None:
         """Store whether the last robot was one of this console's own."""

@@ -69,6 +69,11 @@ class DemoRobot(QObject):
         """Its address once it is ready, if ``name`` is this robot's profile."""
         return self._address if name == PROFILE else None
 
+    def call(self, service: str, arguments: Sequence[Mapping[str, str]]) -> None:
+        """Call a service of the robot itself, once it is ready, for each of ``arguments``. A failure is only logged."""
+        if self._address is not None:
+            self._console.asyncio_thread.submit(call_simulator(self._address, service, arguments))
+
     def _on_output(self) -> None:
         while self.process.canReadLine():
             line = bytes(self.process.readLine().data()).decode("utf-8", "replace").rstrip()
