@@ -119,12 +119,6 @@ class RecorderFeed:
                 if not self._open_turns:
                     self._send_stop()
 
-    def start(self, message: Any, *events: Any) -> None:
-        """Begin a recording: ``message`` first, then the latched values, then everything queued."""
-        with self._changed:
-            self.hold(*events)
-            self.begin(message)
-
     @property
     def records(self) -> bool:
         """Whether a recording is running, possibly paused."""

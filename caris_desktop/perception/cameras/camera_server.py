@@ -262,8 +262,7 @@ class WebRtcServer:
     def __init__(self, frames: NewestFrame, sound: ServedSound | None = None) -> None:
         self._frames = frames
         self._sound = sound
-        self._connections: dict[str, Any] = {}
-        self._stamps: dict[str, deque[int]] = {}
+        self._connections: dict[str, tuple[Any, deque[int]]] = {}
 
     async def connect(self, offer_sdp: str) -> tuple[str, str]:
         """Accept an offer; return the key of the connection and the answer.
@@ -280,7 +279,7 @@ class WebRtcServer:
         connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         key = secrets.token_urlsafe(12)
         stamps: deque[int] = deque(maxlen=_MAX_STAMPS)
-        self._connections[key], self._stamps[key] = connection, stamps
+        self._connections[key] = connection, stamps
 
         async def on_state_change() -> None:
             if connection.connectionState in ("failed", "closed"):
@@ -304,13 +303,11 @@ class WebRtcServer:
 
     def stamps(self, key: str) -> list[int] | None:
         """Capture times of the connection's recent frames, in ticks of its frame clock."""
-        stamps = self._stamps.get(key)
-        return None if stamps is None else list(stamps)
+        return list(self._connections[key][1]) if key in self._connections else None
 
     async def end(self, key: str) -> bool:
         """Close a connection; False if there was none."""
-        connection = self._connections.pop(key, None)
-        self._stamps.pop(key, None)
+        connection, _stamps = self._connections.pop(key, (None, None))
         if connection is not None:
             for sender in connection.getSenders():
                 if sender.track is not None:
