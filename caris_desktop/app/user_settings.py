@@ -1,4 +1,4 @@
-"""Settings of this user's windows: version, and recovery from unreadable files.
+"""Settings of this user's windows: version, migrations, and recovery from unreadable files.
 
 Every key belongs to a group: ``appearance/``, ``gamepad/``, ``layout/``, ``scenario/``, ``sound/``, ``window/``,
 ``replay/``, ``wizards/``.
@@ -14,7 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QObject, QSettings, Signal
+from PySide6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, Signal
 
 from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.foreign_text import parse_json
@@ -37,7 +37,28 @@ VERSION = 1
 VERSION_KEY = "version"
 _log = logging.getLogger(__name__)
 
+_GROUPED = {
+    "theme": "appearance/theme",
+    "scenario": "scenario/last",
+    "microphone": "sound/microphone",
+    "wizard_microphone": "sound/wizard_microphone",
+    "gamepads": "gamepad/mappings",
+    "layouts_before_saving": "layout/before_saving",
+}
 _TYPES: dict[str, type] = {"window/geometry": QByteArray, "replay/geometry": QByteArray}
+
+
+def _into_groups(settings: QSettings) -> None:
+    """Migrate version 0, of the first releases, which had no version and its keys at the top level."""
+    for old, new in _GROUPED.items():
+        if settings.contains(old):
+            value = settings.value(old)
+            settings.remove(old)  # first, since it also removes keys below a group of that name
+            settings.setValue(new, value)
+
+
+_MIGRATIONS: tuple[Callable[[QSettings], None], ...] = (_into_groups,)
+"""The one at place N makes version N + 1 of version N."""
 
 
 def own_settings() -> QSettings:
@@ -46,9 +67,10 @@ def own_settings() -> QSettings:
 
 
 def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
-    """Copy newer or unreadable settings aside and reset them.
+    """Migrate ``settings`` to the present version.
 
-    Returns what the wizard must know, if anything: in English, since the settings contain the wizard's language.
+    Newer or unreadable ones are copied aside and reset. Returns what the wizard must know, if anything: in English,
+    since the settings contain the wizard's language.
     """
     settings.allKeys()  # reads the file
     if settings.status() == QSettings.Status.AccessError:
@@ -64,6 +86,8 @@ def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
         return _restart(settings, QT_TR_NOOP("Your settings could not be read."))
     if version > VERSION:
         return _restart(settings, QT_TR_NOOP("Your settings are from a newer version of this program."))
+    for number in range(version, VERSION):
+        _MIGRATIONS[number](settings)
     if version < VERSION:
         settings.setValue(VERSION_KEY, VERSION)
     wrong = [
@@ -117,12 +141,31 @@ def _restart(settings: QSettings, what: str) -> UserFacingError:
 def _copy_aside(settings: QSettings) -> Path:
     """Copy the settings file aside. Raises OSError."""
     source = Path(settings.fileName())
-    first = copy = source.with_stem(f"{source.stem} {datetime.now():%Y-%m-%d %H-%M-%S}")
-    number = 2
-    while copy.exists():
-        copy, number = first.with_stem(f"{first.stem} ({number})"), number + 1
-    shutil.copyfile(source, copy)
+    # On Windows the settings are in the registry.
+    folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppConfigLocation))
+    stem, ending = (source.stem, source.suffix) if source.is_file() else ("CARIS Desktop", ".ini")
+    folder = source.parent if source.is_file() else folder
+    copy = _unused(folder / f"{stem} {datetime.now():%Y-%m-%d %H-%M-%S}{ending}")
+    if source.is_file():
+        shutil.copyfile(source, copy)
+        return copy
+    folder.mkdir(parents=True, exist_ok=True)
+    written = QSettings(str(copy), QSettings.Format.IniFormat)
+    for key in settings.allKeys():
+        written.setValue(key, settings.value(key))
+    written.sync()
+    if written.status() != QSettings.Status.NoError:
+        raise OSError(f"{copy} cannot be written")
     return copy
+
+
+def _unused(path: Path) -> Path:
+    number = 2
+    free = path
+    while free.exists():
+        free = path.with_name(f"{path.stem} ({number}){path.suffix}")
+        number += 1
+    return free
 
 
 # Panel layouts saved in scenario files, and their previous versions for a reset.
@@ -270,7 +313,7 @@ class SavedSettings(QObject):
 
     @property
     def file(self) -> str:
-        """Location of the file."""
+        """Location: a file, or a key of the system's registry."""
         return self._file
 
     def value(self, key: str, defaultValue: Any = None) -> Any:  # noqa: N803 - as QSettings has it

@@ -1,15 +1,27 @@
-"""Settings of another version and broken ones are backed up with a message; the program always starts."""
+"""Settings of another version and broken ones: migrated, or backed up with a message; the program always starts."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QByteArray, QSettings
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import user_settings
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain.events import Problem
+
+OF_THE_FIRST_RELEASE = r"""[General]
+gamepads="[\"a pad\"]"
+layouts_before_saving="{\"a.yaml\": {\"saved\": 1}}"
+microphone=(none)
+scenario=mental-health-check
+theme=light
+wizard_microphone=Headset
+
+[window]
+geometry=@ByteArray(\x1\xd9\xd0\xcb\0\x3)
+"""
 
 
 def opened(path: Path) -> QSettings:
@@ -23,6 +35,26 @@ def file(tmp_path: Path) -> Path:
 
 def copies(file: Path) -> list[Path]:
     return list(file.parent.glob("settings *.ini"))
+
+
+def test_settings_of_the_first_release_are_brought_into_their_groups(file: Path) -> None:
+    file.write_text(OF_THE_FIRST_RELEASE, "utf-8")
+    settings = opened(file)
+    assert user_settings.bring_up_to_date(settings) is None
+    settings.sync()
+    again = opened(file)
+    assert {key: again.value(key) for key in again.allKeys()} | {"version": int(str(again.value("version")))} == {
+        "appearance/theme": "light",
+        "gamepad/mappings": '["a pad"]',
+        "layout/before_saving": '{"a.yaml": {"saved": 1}}',
+        "scenario/last": "mental-health-check",
+        "sound/microphone": "(none)",
+        "sound/wizard_microphone": "Headset",
+        "version": user_settings.VERSION,
+        "window/geometry": QByteArray(b"\x01\xd9\xd0\xcb\x00\x03"),
+    }
+    assert user_settings.bring_up_to_date(again) is None
+    assert copies(file) == [], "nothing was lost, so nothing is put aside"
 
 
 @pytest.mark.logs(r"app\.user_settings: ")
