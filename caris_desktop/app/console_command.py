@@ -16,12 +16,13 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QLockFile, QSettings, Qt, QTimer
+from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import build_parser
 from caris_desktop.app.composition import StartError
-from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot, call_simulator
+from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
 from caris_desktop.app.user_settings import (
     OwnLayoutFiles,
@@ -181,7 +182,7 @@ class ConsoleRun:
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
         self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
-        self.console.gamepads.mappings_changed.connect(self._store_gamepads)
+        self.console.gamepads.mappings_changed.connect(partial(self.settings.setValue, _GAMEPADS_KEY))
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
         self.console.state.link.changed.connect(self._on_link_changed)
 
@@ -328,10 +329,8 @@ class ConsoleRun:
             self.demo_robot.use(actor)
 
     def _cut_link(self, seconds: float) -> None:
-        address = self.demo_robot.address_of(PROFILE) if self.demo_robot is not None else None
-        if address is not None:
-            fault = {"command": f"drop_link:{seconds:g}"}
-            self.console.asyncio_thread.submit(call_simulator(address, FAULT, [fault]))
+        if self.demo_robot is not None:
+            self.demo_robot.call(FAULT, [{"command": f"drop_link:{seconds:g}"}])
 
     def _address_of(self, robot: str) -> str | None:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
@@ -362,9 +361,6 @@ class ConsoleRun:
 
     def _store_microphone(self, role: Role, name: str | None) -> None:
         self.settings.setValue(_MICROPHONE_KEYS[role], _NO_MICROPHONE if name is None else name)
-
-    def _store_gamepads(self, mappings: str) -> None:
-        self.settings.setValue(_GAMEPADS_KEY, mappings)
 
     def _on_link_changed(self, link: LinkStatus) -> None:
         """Store whether the last robot was one of this console's own."""
@@ -428,15 +424,20 @@ def end_on_request(console_run: ConsoleRun) -> None:
         # Nobody can be asked, and a window in use for driving would stay.
         application.exit(0)
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), end)
-    heartbeat = QTimer(application)  # Python handles signals only between Qt events
-    heartbeat.timeout.connect(_let_python_run)
-    heartbeat.start(200)
+    on_signals(application, end)
     application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
     application.aboutToQuit.connect(console.expect_end)
     end_with_screen(application)
+
+
+def on_signals(application: QApplication, end: Callable[[int, object], None]) -> None:
+    """Call ``end`` on Ctrl+C, when the terminal is closed, and when the system asks the program to end."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), end)
+    heartbeat = QTimer(application)
+    heartbeat.timeout.connect(lambda: None)  # Python handles signals only between Qt events
+    heartbeat.start(200)
 
 
 def check_screen() -> None:
@@ -448,10 +449,6 @@ def check_screen() -> None:
             "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' creates a virtual "
             "screen for it."
         )
-
-
-def _let_python_run() -> None:
-    """Return to Python, so that pending signal handlers run."""
 
 
 def default_arguments(**changes: object) -> argparse.Namespace:

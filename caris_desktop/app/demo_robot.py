@@ -3,41 +3,61 @@
 import asyncio
 import json
 import logging
+import re
 import sys
 from collections.abc import Mapping, Sequence
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, QProcess
 
 from caris_desktop.app import composition
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.console import Console
-from caris_desktop.live.robot_connections import SimulatedRobotProcess
 
 PROFILE = "simulated"
+_log = logging.getLogger(__name__)
+_READY = re.compile(r"ws://\S+")
+_SIMULATE = ("-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin")
+_ENDS_WITHIN_MS = 2000
 
 
 class DemoRobot(QObject):
-    """Simulated robot's process, in the GUI thread; reports through signals."""
+    """Simulated robot in a process of its own. GUI thread.
 
-    _ready = Signal(str)
-    _failed = Signal(str)
+    It ends when its standard input closes, as it does when the console is killed.
+    """
 
-    def __init__(self, console: Console, *, seed: int | None = None, actor: Actor = WIZARD) -> None:
+    def __init__(
+        self,
+        console: Console,
+        *,
+        seed: int | None = None,
+        actor: Actor = WIZARD,
+        python_arguments: Sequence[str] = _SIMULATE,
+    ) -> None:
         """``actor`` is for whom it is connected once it is ready."""
         super().__init__(console)
         self._console = console
         self._actor = actor
         self._address: str | None = None
-        command = [sys.executable, "-m", "caris_desktop", "simulate", "--port", "0", "--end-with-stdin"]
-        if seed is not None:
-            command += ["--seed", str(seed)]
-        self.process = SimulatedRobotProcess(command, on_ready=self._ready.emit, on_failed=self._failed.emit)
-        self._ready.connect(self._on_ready, Qt.ConnectionType.QueuedConnection)
-        self._failed.connect(self._on_failed, Qt.ConnectionType.QueuedConnection)
+        self.process = QProcess(self)
+        self.process.setProgram(sys.executable)
+        self.process.setArguments([*python_arguments, *(() if seed is None else ("--seed", str(seed)))])
+        self.process.setProcessChannelMode(QProcess.ProcessChannelMode.ForwardedErrorChannel)
+        if sys.platform != "win32":  # Ctrl+C in the terminal is for the console, which ends it in order
+            self.process.setUnixProcessParameters(QProcess.UnixProcessFlag.CreateNewSession)
+        self.process.readyReadStandardOutput.connect(self._on_output)
+        self.process.finished.connect(self._on_finished)
 
     def start(self) -> None:
         self.process.start()
+
+    def stop(self) -> None:
+        self.process.finished.disconnect(self._on_finished)
+        self.process.terminate()
+        if not self.process.waitForFinished(_ENDS_WITHIN_MS):
+            self.process.kill()
+            self.process.waitForFinished()
 
     def use(self, actor: Actor) -> None:
         """Connect it for that actor, now or once it is ready."""
@@ -45,12 +65,25 @@ class DemoRobot(QObject):
         if address is not None:
             self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address), actor)
 
-    def stop(self) -> None:
-        self.process.stop()
-
     def address_of(self, name: str) -> str | None:
         """Its address once it is ready, if ``name`` is this robot's profile."""
         return self._address if name == PROFILE else None
+
+    def call(self, service: str, arguments: Sequence[Mapping[str, str]]) -> None:
+        """Call a service of the robot itself, once it is ready, for each of ``arguments``. A failure is only logged."""
+        if self._address is not None:
+            self._console.asyncio_thread.submit(call_simulator(self._address, service, arguments))
+
+    def _on_output(self) -> None:
+        while self.process.canReadLine():
+            line = bytes(self.process.readLine().data()).decode("utf-8", "replace").rstrip()
+            _log.info("simulated robot: %s", line)
+            if self._address is None and (found := _READY.search(line)):
+                self._on_ready(found.group())
+
+    def _on_finished(self, exit_code: int) -> None:
+        if self._address is None:
+            self._on_failed(tr("it ended with exit code {code}").format(code=exit_code))
 
     def _on_ready(self, address: str) -> None:
         self._address = address
@@ -68,8 +101,6 @@ class DemoRobot(QObject):
 
 # Service calls to the simulated robot itself: speech and faults.
 
-
-_log = logging.getLogger(__name__)
 SAY, PREPARE, FAULT = "/simulator/say", "/simulator/prepare", "/simulator/fault"
 # Speech is synthesised first, which takes long on a busy computer.
 _TIMEOUT_S = 60.0

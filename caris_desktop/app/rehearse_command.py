@@ -18,14 +18,14 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
-from caris_desktop.app.demo_robot import PREPARE, PROFILE, SAY, DemoRobot, call_simulator
+from caris_desktop.app.demo_robot import PREPARE, SAY, DemoRobot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import AsyncioThread, new_timer
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -36,30 +36,6 @@ from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.main_window import MainWindow
-
-# Simulated participant of a rehearsal, who speaks to the simulated robot.
-
-
-class RehearsedParticipant:
-    """Speaks into the robot's microphone; ``address`` returns the robot's rosbridge, None while there is none."""
-
-    def __init__(self, asyncio_thread: AsyncioThread, address: Callable[[], str | None]) -> None:
-        self._asyncio = asyncio_thread
-        self._address = address
-
-    def prepare(self, texts: Sequence[str]) -> None:
-        """Synthesise these texts in advance, so that speech starts without delay."""
-        self._notify(PREPARE, texts)
-
-    def say(self, text: str) -> None:
-        """Say a text. Returns at once; a failure shows only in that nothing is heard."""
-        self._notify(SAY, (text,))
-
-    def _notify(self, service: str, texts: Sequence[str]) -> None:
-        address = self._address()
-        if address is not None:
-            self._asyncio.submit(call_simulator(address, service, [{"text": text} for text in texts]))
-
 
 _log = logging.getLogger(__name__)
 _STEP_MS = 40
@@ -78,7 +54,6 @@ SAYS = {
 }
 """What the participant says in the shipped scenarios."""
 SAYS_ELSEWHERE = ("Hello. What are you doing here?", "That sounds interesting.", "Thank you, goodbye.")
-TRIAL = {"participant": "P07", "condition": "B", "wizard": "W1"}
 _SUGGESTED_WITHIN_S = 20.0
 _KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
 
@@ -110,17 +85,17 @@ class Rehearsal(QObject):
         out: Path,
         *,
         seconds: float,
-        participant: RehearsedParticipant | None = None,
-        trial: Mapping[str, str] = TRIAL,
+        ask_robot: Callable[[str, Sequence[str]], None],
+        trial: Mapping[str, str],
     ) -> None:
-        """Without a ``participant``, nobody speaks to the robot. ``trial`` is typed into the start dialog."""
+        """``ask_robot`` calls a service of the robot with texts of its participant. The start dialog gets ``trial``."""
         super().__init__(window)
         self._window = window
         self._console = console
         self._state = console.state
         self._out = out
         self._seconds = seconds
-        self._participant = participant
+        self._ask_robot = ask_robot
         self._trial = trial
         self._transcribed: list[UtteranceChanged] = []
         self._state.event_happened.connect(self._on_event)
@@ -147,16 +122,15 @@ class Rehearsal(QObject):
         yield Until("the person detector is ready", lambda: state.perception.value.state == "ready", 90.0)
         if scenario.permissions.assistant:
             yield Until("the language model is ready", lambda: state.assistant.value.state == "ready", 90.0)
-        if self._participant is not None:
-            self._participant.prepare(self._lines())
+        self._ask_robot(PREPARE, self._lines())
         self._note("everything is ready")
 
         yield from self._start_recording()
         yield from self._meet()
         if scenario.permissions.speech:
             yield from self._greet()
-        if scenario.permissions.transcription and scenario.permissions.speech and self._participant is not None:
-            yield from self._talk(self._participant)
+        if scenario.permissions.transcription and scenario.permissions.speech:
+            yield from self._talk()
         if scenario.permissions.photos:
             yield from self._take_photo()
         if scenario.permissions.driving:
@@ -237,13 +211,13 @@ class Rehearsal(QObject):
         path = self._console.scenario.path
         return SAYS.get(path.stem if path is not None else "", SAYS_ELSEWHERE)
 
-    def _talk(self, participant: RehearsedParticipant) -> Script:
+    def _talk(self) -> Script:
         """Let the participant speak, and answer with a suggestion, a phrase and by typing."""
         state = self._state
         yield Until("transcription is ready", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
         for number, text in enumerate(self._lines()):
             before = len(self._transcribed)
-            participant.say(text)
+            self._ask_robot(SAY, (text,))
             yield Until("the participant is transcribed", lambda count=before: len(self._transcribed) > count, 90.0)  # type: ignore[misc]
             self._note(f"the participant said “{self._transcribed[-1].text}”")
             if number == 0:
@@ -606,17 +580,16 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         console_run.window.setWindowState(Qt.WindowState.WindowMaximized)
 
-    def robot_address() -> str | None:
-        robot = console_run.demo_robot
-        return None if robot is None else robot.address_of(PROFILE)
+    def ask_robot(service: str, texts: Sequence[str]) -> None:
+        if console_run.demo_robot is not None:
+            console_run.demo_robot.call(service, [{"text": text} for text in texts])
 
-    participant = RehearsedParticipant(console_run.console.asyncio_thread, robot_address)
     rehearsal = Rehearsal(
         console_run.window,
         console_run.console,
         out,
         seconds=arguments.seconds,
-        participant=participant,
+        ask_robot=ask_robot,
         trial={"participant": arguments.participant, "condition": arguments.condition, "wizard": "W1"},
     )
     failures: list[str] = []

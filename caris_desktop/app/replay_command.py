@@ -1,14 +1,12 @@
 """``caris-desktop replay``: a recorded session, or a foreign bag, in the console's window."""
 
 import argparse
-import asyncio
 import functools
 import gc
 import hashlib
 import json
 import logging
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -22,13 +20,13 @@ from PySide6.QtCore import QSettings, QTimer
 from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
-from caris_desktop.app.console_command import check_screen
+from caris_desktop.app.console_command import check_screen, on_signals
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
 from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.background_worker import AsyncioThread
+from caris_desktop.live.background_worker import do_in_parallel
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
@@ -49,7 +47,6 @@ from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
-_POLL_EVERY_S = 0.02
 _IMPORT_PREFIX = ".import-"
 _UNFINISHED_AFTER_S = 24 * 3600.0
 # Each jump requests these again, and parsing one takes longer than the window may freeze.
@@ -85,11 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     session = replay.console.session
     for sentence in dict.fromkeys((*session.notices, *session.losses)):
         print(sentence, file=sys.stderr)
-    signal.signal(signal.SIGINT, lambda *_: replay.application.closeAllWindows())
-    signal.signal(signal.SIGTERM, lambda *_: replay.application.closeAllWindows())
-    heartbeat = QTimer()
-    heartbeat.timeout.connect(lambda: None)  # Python handles signals only between Qt events
-    heartbeat.start(200)
+    on_signals(replay.application, lambda *_: replay.application.closeAllWindows())
     end_with_screen(replay.application)
     replay.show()
     try:
@@ -199,15 +192,9 @@ def _opened(folder: Path) -> Session:
     dialog.setCancelButton(None)
     dialog.setMinimumDuration(500)
     dialog.setValue(0)
-    background = AsyncioThread()
     try:
-        opened = background.submit(asyncio.to_thread(open_session, folder))
-        while not opened.done():
-            QApplication.processEvents()
-            time.sleep(_POLL_EVERY_S)
-        return opened.result()
+        return do_in_parallel(lambda: open_session(folder), QApplication.processEvents)
     finally:
-        background.stop()
         dialog.close()
 
 

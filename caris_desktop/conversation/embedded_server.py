@@ -244,10 +244,6 @@ class ModelAdded(Value):
     answer: str
 
 
-class CloseEmbedded(Value):
-    """End the server process."""
-
-
 EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
 # Below the window and the links, above people detection: a user waits for the answer.
 _NICENESS = 5
@@ -289,7 +285,7 @@ def missing_for_embedded(model: str = "") -> str:
 
 def run_embedded_server(connection: Connection, niceness: int = _NICENESS, model: str = "") -> None:
     """Process entry point: serve the built-in model, the added one of this name, or that of ``plugin:NAME``, until the
-    connection closes or CloseEmbedded arrives.
+    connection closes.
 
     Sends EmbeddedReady, EmbeddedFailed or PluginFailed once; of a plug-in also PluginCalls, and PluginFailed later.
     Never returns: the process exits at once with its native threads, since the server has no state and an orphan would
@@ -377,14 +373,8 @@ def serve_model(key: str, model: str = "", file: Path | None = None, *, clients:
 
 
 def _end_with(connection: Connection) -> None:
-    while True:
-        try:
-            message = connection.recv()
-        except (EOFError, OSError):
-            break
-        if isinstance(message, CloseEmbedded):
-            break
-        _log.error("unknown command %r", type(message).__name__)
+    with contextlib.suppress(EOFError, OSError):
+        connection.recv()  # nothing is sent
     logging.shutdown()
     os._exit(0)
 

@@ -399,26 +399,21 @@ class JitterBuffer:
         self._ahead = round(_AHEAD_S * rate_hz)
         self._most = round(most_s * rate_hz)
         self._pieces: deque[NDArray[np.int16]] = deque()
-        self._waiting = 0
+        self.waiting = 0
         self._playing = False
         self._ending = False
         self.dropped = 0
 
-    @property
-    def waiting(self) -> int:
-        """Number of buffered samples."""
-        return self._waiting
-
     def push(self, samples: NDArray[np.int16]) -> None:
         """Add samples, shape (n,)."""
         self._ending = False
-        if self._waiting > 2 * self._ahead and max(int(samples.max(initial=0)), -int(samples.min(initial=0))) < _QUIET:
+        if self.waiting > 2 * self._ahead and max(int(samples.max(initial=0)), -int(samples.min(initial=0))) < _QUIET:
             self.dropped += 1
             return
         self._pieces.append(samples)
-        self._waiting += len(samples)
-        if self._waiting > self._most:
-            self._take(self._waiting - self._ahead)
+        self.waiting += len(samples)
+        if self.waiting > self._most:
+            self._take(self.waiting - self._ahead)
             self.dropped += 1
 
     def finish(self) -> None:
@@ -428,20 +423,20 @@ class JitterBuffer:
     def pull(self, count: int) -> tuple[NDArray[np.int16], int]:
         """Samples to play now, shape (count,), padded with silence, and the number of real ones."""
         out = np.zeros(count, np.int16)
-        if not self._playing and (self._waiting >= self._ahead or (self._ending and self._waiting)):
+        if not self._playing and (self.waiting >= self._ahead or (self._ending and self.waiting)):
             self._playing = True
         if not self._playing:
             return out, 0
         sound = self._take(count)
         out[: len(sound)] = sound
         # After running empty, buffer again before playing.
-        self._playing = self._waiting > 0
+        self._playing = self.waiting > 0
         return out, len(sound)
 
     def _take(self, count: int) -> NDArray[np.int16]:
         taken: list[NDArray[np.int16]] = []
-        missing = min(count, self._waiting)
-        self._waiting -= missing
+        missing = min(count, self.waiting)
+        self.waiting -= missing
         while missing:
             piece = self._pieces.popleft()
             if len(piece) > missing:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.conversation.synthesis_messages import (
-    CloseSynthesis,
     Draft,
     Prepare,
     SilenceSpeech,
@@ -144,7 +143,7 @@ class SynthesisDeadlines(Value):
 def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = SynthesisDeadlines()) -> None:
     """Process entry point: speak requests until the connection closes.
 
-    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSynthesis. Sends SynthesisReady (at each change),
+    Receives UseVoice, Prepare, Draft, Speak and SilenceSpeech. Sends SynthesisReady (at each change),
     SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
     AudioChunk of played audio, PlayedSound and PlayedSoundEnded.
     """
@@ -176,7 +175,7 @@ def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, A
         try:
             message = connection.recv()
         except (EOFError, OSError):
-            inbox.put((_CONSOLE, CloseSynthesis()))
+            inbox.put((_CONSOLE, None))
             return
         inbox.put((_CONSOLE, message))
 
@@ -294,7 +293,7 @@ class _Synthesis:
                 spoken = speakable(text)
                 if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
                     self._engine.send("draft", text=spoken)
-            case CloseSynthesis():
+            case None:  # the console is gone
                 self._closed = True
                 self._silenced_by = CONSOLE
                 self._dropped += self._waiting

@@ -66,10 +66,6 @@ class SilenceSpeech(Value):
     actor: Actor = ""
 
 
-class CloseSynthesis(Value):
-    """Stop speaking and end the process."""
-
-
 class SynthesisReady(Value):
     """Ready for requests. Sent again whenever ``audible`` changes."""
 

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any, TypeVar
 
@@ -24,26 +24,17 @@ During = Callable[[str, Callable[[], None]], None]
 Outcome = Callable[[], None]
 
 
-def do_in_parallel(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
-    """Run ``work``, which must not use Qt, in a thread; returns or raises with it.
+def do_in_parallel(work: Callable[[], T], meanwhile: Callable[[], object]) -> T:
+    """Run ``work``, which must not use Qt, in a thread; returns or raises what it does.
 
     Meanwhile ``meanwhile`` is called repeatedly in the calling thread.
     """
-    failures: list[Exception] = []
-
-    def do() -> None:
-        try:
-            work()
-        except Exception as failure:  # raised again in the calling thread
-            failures.append(failure)
-
-    thread = threading.Thread(target=do, name="slow work")
-    thread.start()
-    while thread.is_alive():
-        meanwhile()
-        thread.join(_STEP_S)
-    if failures:
-        raise failures[0]
+    with ThreadPoolExecutor(1, "slow-work") as executor:
+        future = executor.submit(work)
+        while not future.done():
+            meanwhile()
+            wait([future], _STEP_S)
+        return future.result()
 
 
 class BackgroundWorker(QObject):

@@ -13,7 +13,6 @@ from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
@@ -54,7 +53,7 @@ from caris_desktop.live.services.sound_service import SoundAdapters, SoundServic
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
-from caris_desktop.live.state import LiveState, StatusTap
+from caris_desktop.live.state import LiveState, tap_status
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -98,15 +97,15 @@ class Console(QObject):
     def __init__(self, parts: Adapters, scenario: Scenario, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._shut_down = False
-        state = self._state = LiveState(self)
+        state = self.state = LiveState(self)
         bus = self._bus = Bus(state, self)
         slow_work = self._slow_work = BackgroundWorker(self)
         children = self._children = ProcessManager(bus, self)
-        self._asyncio = AsyncioThread()
+        self.asyncio_thread = AsyncioThread()
         self._media_ring = FrameRing.create()
         self._frames = FrameRings([self._media_ring])
-        self._shown_frames = DisplayFrames(self._frames, state)
-        bus.tap(self._shown_frames.add, (People,))
+        self.frames = DisplayFrames(self._frames, state)
+        bus.tap(self.frames.add, (People,))
         to_read = RingsToRead((self._media_ring.name,))
 
         context = ServiceContext(state, bus, children, slow_work, self)
@@ -118,7 +117,7 @@ class Console(QObject):
         forgetting = ForgettingService(context, parts.forgetting, then=self._people.decide)
         self._robot = RobotService(
             context, self._media_ring, new_child=self._new_link, selected_cameras=parts.cameras,
-            before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self._asyncio,
+            before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self.asyncio_thread,
         )  # fmt: skip
         self._microphone = MicrophoneService(
             context, parts.microphone, to_robot=self._robot.send_sound, hear_camera=cameras.hear
@@ -132,7 +131,7 @@ class Console(QObject):
         response_time = ResponseTimeService(bus, self)
         speaking = SpeakingService(context, self._speech.queue, parts.speech_history, do=self.do)
         assistant = AssistantService(
-            context, parts.assistant, asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario
+            context, parts.assistant, asyncio_thread=self.asyncio_thread, speech=self._speech.queue, scenario=scenario
         )
         proposals = ProposalsService(context, assistant.client, do=self.do)
         suggestions = SuggestionsService(
@@ -141,7 +140,7 @@ class Console(QObject):
         marks = MarksService(state, bus.publish, self)
         alarms = AlarmsService(state, bus.publish, self)
         protocol = ProtocolService(state, bus.publish, self)
-        photos = PhotosService(context, recording, assistant, frames=self._shown_frames, study=parts.session.study)
+        photos = PhotosService(context, recording, assistant, frames=self.frames, study=parts.session.study)
         going_on = CrashRecoveryService(
             context, parts.going_on,
             robot=self._robot, do=self.do, show_conversation=transcript.show_earlier,
@@ -157,13 +156,13 @@ class Console(QObject):
             ),
         )  # fmt: skip
         practice = PracticeService(context, parts.practice, do=self.do)
-        face = FaceService(context, self._asyncio, frames=self._shown_frames)
+        face = FaceService(context, self.asyncio_thread, frames=self.frames)
         governor = LoadSheddingService(context, self._people, assistant.client)
         another_robot = self._another_robot = AnotherRobotService(
             context, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
             robot=self._robot, drive=self._drive, recording=recording, people=self._people,
         )  # fmt: skip
-        self._gamepads = Gamepads(state, bus.publish, self)
+        self.gamepads = Gamepads(state, bus.publish, self)
         self.check_before_recording, self.robots = self._session.check_before, parts.robots.choices
         self.connect_robot = another_robot.connect_to  # from composition only, as use_robot
         self.expect_end, self.expect_shutdown = going_on.expect_end, going_on.expect_shutdown
@@ -177,7 +176,7 @@ class Console(QObject):
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
             governor, another_robot, HealthService(state, lambda: self._services, self),
         )  # fmt: skip
-        self._status_tap = StatusTap(state, recording.put, self)
+        tap_status(state, recording.put)
         bus.before_work(self._drive.renew_before_work)
         self._gate = Gate(state, lambda: self.scenario.permissions)
         self._handlers: dict[type[Intent], Handler] = {}
@@ -189,21 +188,8 @@ class Console(QObject):
     # State for panels
 
     @property
-    def state(self) -> LiveState:
-        return self._state
-
-    @property
     def scenario(self) -> Scenario:
         return self._scenario.current
-
-    @property
-    def frames(self) -> FrameReader:
-        return self._shown_frames
-
-    @property
-    def gamepads(self) -> Gamepads:
-        """The gamepad; the window converts its input to driving."""
-        return self._gamepads
 
     @property
     def session_folder(self) -> Path | None:
@@ -254,11 +240,6 @@ class Console(QObject):
     # Access for helpers outside the services
 
     @property
-    def asyncio_thread(self) -> AsyncioThread:
-        """Thread for all socket I/O."""
-        return self._asyncio
-
-    @property
     def child_pids(self) -> dict[str, int]:
         """Process ids of the children by name."""
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
@@ -274,7 +255,7 @@ class Console(QObject):
         """Start all child processes and the perception thread, after the window is usable."""
         if self._shut_down:
             return
-        self._gamepads.start()
+        self.gamepads.start()
         for service in self._services:
             service.start()
 
@@ -288,14 +269,14 @@ class Console(QObject):
             return
         self._shut_down = True
         self._children.close()
-        self._gamepads.stop()
+        self.gamepads.stop()
         for service in reversed(self._services):
             if service is self._session:
                 # The robot is stopped; pending disk work still belongs to this session.
                 self._slow_work.finish(during)
             service.stop()
         during(tr("Voice, models and people detection are being stopped."), self._end_helpers)
-        self._asyncio.stop()
+        self.asyncio_thread.stop()
         during(
             tr(
                 "The recording is being completed: the remaining data is written to disk, and checksums are calculated."
@@ -304,7 +285,7 @@ class Console(QObject):
         )
         self._frames.close()
         self._bus.end()
-        self._state.close()
+        self.state.close()
 
     def _end_helpers(self) -> None:  # any thread
         for service in reversed(self._services):

@@ -10,7 +10,7 @@ import re
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import asdict, field, replace
 from functools import reduce
 from typing import Any, Final, Literal, get_args
 
@@ -18,6 +18,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
+from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import new_timer
@@ -92,6 +93,8 @@ _PART = re.compile(r"([+-]?)(?:a(\d+)(~?)|b(\d+)|h(\d+)\.([1248]))")
 _PRESSED_AT = 0.5
 _MOVED_BY = 0.6
 
+_LIMITS = (("dead_zone", 0.0, 0.6), ("curve", 0.5, 4.0), ("speed", 0.1, 1.0), ("slow_speed", 0.05, 1.0))
+
 # By SDL's names of controller parts. Push-to-talk has no default button.
 _ON_A_CONTROLLER: dict[str, tuple[str, ...]] = {
     "forward": ("lefty~",), "turn": ("leftx~",), "left": ("leftshoulder", "rightshoulder"),
@@ -141,12 +144,12 @@ class GamepadMapping(Value):
 
     def with_binding(self, action: AxisAction | ButtonAction, binding: str) -> "GamepadMapping":
         """Copy with one binding changed; empty removes it. Other actions lose these inputs."""
-        taken = set(binding.split("|")) if binding else set()
+        taken = {part.strip("+-~") for part in binding.split("|")}
 
         def freed(bindings: Mapping[Any, str]) -> dict[Any, str]:
             remaining = {}
             for other, old in bindings.items():
-                parts = [part for part in old.split("|") if not any(_same_input(part, new) for new in taken)]
+                parts = [part for part in old.split("|") if part.strip("+-~") not in taken]
                 if other != action and parts:
                     remaining[other] = "|".join(parts)
             return remaining
@@ -296,16 +299,12 @@ def with_rests(rests: RawInputs, now: RawInputs) -> RawInputs:
 def let_go_since(before: RawInputs, now: RawInputs, rests: RawInputs) -> RawInputs:
     """``before`` for :func:`moved_input`: inputs held at the start count once released."""
     axes = tuple(
-        rest if _held_nowhere(known, value, rest) else known
+        rest if known is None and value is not None and rest is not None and abs(value - rest) < 0.3 else known
         for known, value, rest in itertools.zip_longest(before.axes, now.axes, rests.axes)
     )
     buttons = tuple(was and still for was, still in zip(before.buttons, now.buttons, strict=False))
     hats = tuple(was & still for was, still in zip(before.hats, now.hats, strict=False))
     return RawInputs(axes, buttons, hats)
-
-
-def _held_nowhere(known: float | None, value: float | None, rest: float | None) -> bool:
-    return known is None and value is not None and rest is not None and abs(value - rest) < 0.3
 
 
 _HAT_WORDS = {1: QT_TR_NOOP("Pad up"), 2: QT_TR_NOOP("Pad right"), 4: QT_TR_NOOP("Pad down"), 8: QT_TR_NOOP("Pad left")}
@@ -355,13 +354,7 @@ def part_names(controller: Mapping[str, str] | None) -> dict[str, str]:
 
 def mappings_text(mappings: Mapping[str, GamepadMapping]) -> str:
     """JSON text of all mappings by device id, for the settings."""
-    devices = {
-        device: {
-            "axes": dict(mapping.axes), "buttons": dict(mapping.buttons), "dead_zone": mapping.dead_zone,
-            "curve": mapping.curve, "speed": mapping.speed, "slow_speed": mapping.slow_speed,
-        }
-        for device, mapping in sorted(mappings.items())
-    }  # fmt: skip
+    devices = {device: asdict(mapping) for device, mapping in mappings.items()}
     return json.dumps({"version": MAPPINGS_VERSION, "devices": devices}, sort_keys=True)
 
 
@@ -370,48 +363,28 @@ def mappings_from_text(text: str) -> dict[str, GamepadMapping]:
     if not text:
         return {}
     try:
-        data = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise MappingError(tr("The stored gamepad mappings are not JSON: {error}.").format(error=error)) from error
-    if not isinstance(data, dict) or not isinstance(data.get("devices"), dict):
-        raise MappingError(tr("The stored gamepad mappings have an unknown format."))
-    if data.get("version") != MAPPINGS_VERSION:
-        raise MappingError(
-            tr("The stored gamepad mappings have version {found}; this program reads {known}.").format(
-                found=repr(data.get("version")), known=MAPPINGS_VERSION
-            )
-        )
-    return {str(device): _mapping_from_data(entry) for device, entry in data["devices"].items()}
+        data = parse_json(text)
+        version = data["version"]
+        devices = data["devices"] if version == MAPPINGS_VERSION else {}
+        mappings = {device: _checked_mapping(**entry) for device, entry in devices.items()}
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise MappingError(f"{type(error).__name__}: {error}") from error
+    if version != MAPPINGS_VERSION:
+        raise MappingError(f"they have version {version!r}; this program reads {MAPPINGS_VERSION}")
+    return mappings
 
 
-def _mapping_from_data(entry: Any) -> GamepadMapping:
-    if not isinstance(entry, dict):
-        raise MappingError(tr("A stored gamepad mapping is not a list of settings."))
-    bindings: dict[str, dict[Any, str]] = {}
-    for kind, actions in (("axes", AXIS_ACTIONS), ("buttons", BUTTON_ACTIONS)):
-        stored = entry.get(kind, {})
-        if not isinstance(stored, dict):
-            raise MappingError(tr("The {parts} of a stored gamepad mapping are not a list.").format(parts=kind))
-        bindings[kind] = {}
-        for action, binding in stored.items():
+def _checked_mapping(**entry: Any) -> GamepadMapping:
+    mapping = GamepadMapping(**entry)
+    for actions, bindings in ((AXIS_ACTIONS, mapping.axes), (BUTTON_ACTIONS, mapping.buttons)):
+        for action, binding in bindings.items():
             if action not in actions or not is_binding(binding):
-                raise MappingError(
-                    tr("A stored gamepad mapping has an invalid binding: {action} to {binding}.").format(
-                        action=repr(action), binding=repr(binding)
-                    )
-                )
-            bindings[kind][action] = binding
-    numbers = {}
-    for name, lowest, highest in (
-        ("dead_zone", 0.0, 0.6), ("curve", 0.5, 4.0), ("speed", 0.1, 1.0), ("slow_speed", 0.05, 1.0),
-    ):  # fmt: skip
-        value = entry.get(name, getattr(GamepadMapping(), name))
-        if not isinstance(value, (int, float)) or isinstance(value, bool) or not lowest <= value <= highest:
-            raise MappingError(
-                tr("A stored gamepad mapping has an invalid {name}: {value}.").format(name=name, value=repr(value))
-            )
-        numbers[name] = float(value)
-    return GamepadMapping(axes=bindings["axes"], buttons=bindings["buttons"], **numbers)
+                raise ValueError(f"an invalid binding of {action!r} to {binding!r}")
+    for name, lowest, highest in _LIMITS:
+        value = entry.get(name, lowest)
+        if type(value) not in (int, float) or not lowest <= value <= highest:
+            raise ValueError(f"an invalid {name} of {value!r}")
+    return mapping
 
 
 def is_binding(text: object) -> bool:
@@ -453,10 +426,6 @@ def _part_words(part: str, names: Mapping[str, str]) -> str:
     if hat == "0":
         return tr(_HAT_WORDS[int(direction)])
     return tr(_NUMBERED_HAT_WORDS[int(direction)]).format(number=int(hat) + 1)
-
-
-def _same_input(first: str, second: str) -> bool:
-    return first.strip("+-~") == second.strip("+-~")
 
 
 def _turned(part: str, inverted: bool) -> str:
@@ -527,9 +496,9 @@ class _Failed(Value):
 class Gamepads(QObject):
     """Gamepad in use. GUI thread; the console calls ``start()`` and ``stop()``.
 
-    The first connected gamepad is used, the next one after it is unplugged. No button event is lost; of stick positions
-    only the newest counts. Signals carry input mapped by the device's mapping; the owner of the settings loads mappings
-    with ``use_mappings_text`` and saves them on ``mappings_changed``.
+    ``device`` is the first connected gamepad, or the next one after it is unplugged. No button event is lost; of stick
+    positions only the newest counts. Signals carry input mapped by the device's mapping; the owner of the settings
+    loads mappings with ``use_mappings_text`` and saves them on ``mappings_changed``.
 
     ``state.gamepad`` is maintained; ``publish`` receives GamepadChanged for record and panels.
     """
@@ -550,10 +519,11 @@ class Gamepads(QObject):
         self._state = state
         self._publish = publish
         self._mappings: dict[str, GamepadMapping] = {}
-        self._device: GamepadDevice | None = None
-        self._mapping = GamepadMapping()
-        self._command = AT_REST
-        self._newest = GamepadSample(0, RawInputs())
+        self.device: GamepadDevice | None = None
+        self.mapping = GamepadMapping()
+        self.command = AT_REST
+        self.sample = GamepadSample(0, RawInputs())
+        """Newest input state."""
         self._taken_ns = 0
         self._down: frozenset[str] = frozenset()
         self._blocked = False
@@ -576,37 +546,16 @@ class Gamepads(QObject):
         if reader is not None and not reader.stop(timeout_s=0.5):
             _log.error("the gamepad thread did not end")
 
-    # Device
-
-    @property
-    def device(self) -> GamepadDevice | None:
-        """Gamepad in use."""
-        return self._device
-
-    @property
-    def sample(self) -> GamepadSample:
-        """Newest input state."""
-        return self._newest
-
-    @property
-    def command(self) -> TeleopCommand:
-        """Command of the sticks."""
-        return self._command
-
     # Mapping
-
-    @property
-    def mapping(self) -> GamepadMapping:
-        return self._mapping
 
     def set_mapping(self, mapping: GamepadMapping) -> None:
         """Set and save a mapping for the gamepad in use."""
-        if self._device is None or mapping == self._mapping:
+        if self.device is None or mapping == self.mapping:
             return
-        self._mapping = mapping
-        self._mappings[self._device.device] = mapping
+        self.mapping = mapping
+        self._mappings[self.device.device] = mapping
         # A button still down was pressed under its old binding.
-        self._hold_down(pressed_actions(mapping, self._newest.raw))
+        self._hold_down(pressed_actions(mapping, self.sample.raw))
         self._lose(QT_TR_NOOP("The gamepad settings changed"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
@@ -617,8 +566,8 @@ class Gamepads(QObject):
 
     def reset_mapping(self) -> None:
         """Restore the device's default mapping."""
-        if self._device is not None:
-            self.set_mapping(_default_for(self._device))
+        if self.device is not None:
+            self.set_mapping(_default_for(self.device))
 
     def use_mappings_text(self, text: str) -> None:
         """Load saved mappings. Invalid text is logged, and default mappings apply."""
@@ -627,8 +576,8 @@ class Gamepads(QObject):
         except MappingError as error:
             _log.warning("gamepad mappings were not used: %s", error)
             return
-        if self._device is not None:
-            self._mapping = self._mappings.get(self._device.device, self._mapping)
+        if self.device is not None:
+            self.mapping = self._mappings.get(self.device.device, self.mapping)
             self.mapping_changed.emit()
 
     # Input from the reader thread
@@ -637,7 +586,7 @@ class Gamepads(QObject):
         messages, newest = self._inbox.drain()
         now_ns = clock.now_ns()
         # The stick may have moved anywhere during a stall: it must return to centre first.
-        if self._command.moving and now_ns - self._taken_ns > STALE_NS:
+        if self.command.moving and now_ns - self._taken_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
         for message in messages:
@@ -645,13 +594,13 @@ class Gamepads(QObject):
                 self._on_plugged(message.device)
             elif isinstance(message, _Failed):
                 self._state.gamepad.set(GamepadStatus(detail=message.detail))
-            elif self._device is not None:
+            elif self.device is not None:
                 self._process_buttons(message)
-        if newest is not None and self._device is not None:
+        if newest is not None and self.device is not None:
             self._process_sticks(newest)
 
     def _process_buttons(self, sample: GamepadSample) -> None:
-        down = pressed_actions(self._mapping, sample.raw)
+        down = pressed_actions(self.mapping, sample.raw)
         new = down - self._down
         self._hold_down(down)
         # Stops come first, whatever else was pressed.
@@ -665,15 +614,15 @@ class Gamepads(QObject):
             self.released.emit(action)
 
     def _process_sticks(self, sample: GamepadSample) -> None:
-        self._newest = sample
+        self.sample = sample
         self._process_buttons(sample)
         self.sampled.emit(sample)
-        command = stick_command(self._mapping, sample.raw)
+        command = stick_command(self.mapping, sample.raw)
         if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
             self._blocked = self._blocked and command.moving
             command = AT_REST
-        if command != self._command:
-            self._command = command
+        if command != self.command:
+            self.command = command
             if command.moving:
                 self._watch.start()
             else:
@@ -681,30 +630,30 @@ class Gamepads(QObject):
             self.moved.emit(command)
 
     def _check_age(self) -> None:
-        if self._command.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
+        if self.command.moving and clock.now_ns() - self.sample.stamp_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The gamepad stopped responding"))
 
     def _lose(self, reason: str) -> None:
         """Release all input; sticks work again after they were centred."""
         self._watch.stop()
-        self._blocked = stick_command(self._mapping, self._newest.raw).moving
-        if self._command.moving:
-            self._command = AT_REST
+        self._blocked = stick_command(self.mapping, self.sample.raw).moving
+        if self.command.moving:
+            self.command = AT_REST
             self.lost.emit(reason)
 
     def _on_plugged(self, device: GamepadDevice | None) -> None:
-        former, self._device = self._device, device
+        former, self.device = self.device, device
         self._hold_down(frozenset())
-        self._newest = GamepadSample(clock.now_ns(), RawInputs())
+        self.sample = GamepadSample(clock.now_ns(), RawInputs())
         if former is not None:
             self._lose(QT_TR_NOOP("The gamepad was unplugged"))
             self._publish(GamepadChanged(clock.now_ns(), former.device, former.name, False))
         self._blocked = True
         if device is None:
-            self._mapping = GamepadMapping()
+            self.mapping = GamepadMapping()
             self._state.gamepad.set(GamepadStatus())
         else:
-            self._mapping = self._mappings.get(device.device) or _default_for(device)
+            self.mapping = self._mappings.get(device.device) or _default_for(device)
             self._publish(GamepadChanged(clock.now_ns(), device.device, device.name, True))
             known = device.controller or device.device in self._mappings
             detail = "" if known else QT_TR_NOOP("unknown gamepad: check its buttons")

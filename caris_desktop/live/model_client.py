@@ -74,18 +74,6 @@ class _Running(Value):
     on_end: Callable[[LlmExchange], None]
 
 
-class Asking:
-    """An exchange in progress."""
-
-    def __init__(self, client: "ModelClient", exchange_id: str) -> None:
-        self.exchange_id = exchange_id
-        self._client = client
-
-    def cancel(self, reason: str = QT_TR_NOOP("cancelled by the wizard")) -> None:
-        """Cancel; ``on_end`` is called and the exchange published before this returns. No effect after the end."""
-        self._client.cancel(self.exchange_id, reason)
-
-
 class ModelClient(QObject):
     """Asks the current model, several questions at a time. ``publish`` receives each exchange once.
 
@@ -227,8 +215,8 @@ class ModelClient(QObject):
         recorded: Sequence[ChatMessage] | None = None,
         actor: Actor = CONSOLE,
         exchange_id: str = "",
-    ) -> Asking:
-        """Start an exchange. Raises UserFacingError without a model.
+    ) -> str:
+        """Start an exchange; returns its id. Raises UserFacingError without a model.
 
         ``on_text`` receives the answer so far, repeatedly; ``on_wait`` the reason of a retry with a busy server;
         ``on_end`` the published exchange, once, whether answered, cancelled or failed. All are called in the GUI
@@ -273,10 +261,10 @@ class ModelClient(QObject):
             self._find_version(endpoint, local_only=self._local_only)
         if len(self._running) == 1:
             self.answering_changed.emit()
-        return Asking(self, asked.exchange_id)
+        return asked.exchange_id
 
     def cancel(self, exchange_id: str, reason: str) -> None:
-        """Cancel an exchange; its ``on_end`` is called before this returns. No effect after the end."""
+        """Cancel an exchange: ``on_end`` is called and it is published before this returns. No effect after the end."""
         running = self._running.get(exchange_id)
         if running is not None:
             running.future.cancel()

@@ -4,11 +4,9 @@ console that runs at the same time.
 GUI thread unless stated otherwise.
 """
 
-import asyncio
 import bisect
 import logging
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -30,11 +28,11 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
     Severity,
 )
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
@@ -63,8 +61,6 @@ from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
-_SAVED_WITHIN_S = 5.0
-
 Tell = Callable[[str, str, str], None]
 """what happened, its meaning, advice"""
 
@@ -74,34 +70,21 @@ class AnnotationSession(QObject):
 
     _overview_made = Signal(object)
     _overview_missing = Signal()
-    _save_failed = Signal(object)  # a Qt str would lose the localisable parts
 
-    def __init__(
-        self,
-        session: Session,
-        asyncio_thread: AsyncioThread,
-        problem: Tell,
-        parent: QObject | None = None,
-        *,
-        unsaved_dir: Path | None = None,
-    ) -> None:
+    def __init__(self, session: Session, problem: Tell, parent: QObject, *, unsaved_dir: Path | None) -> None:
         """``unsaved_dir``: fallback for what cannot be saved in the session folder."""
         super().__init__(parent)
         self._session = session
         self._unsaved_dir = unsaved_dir
-        self._asyncio = asyncio_thread
         self._problem = problem
         self.overview = LiveValue(None, self)
         self.coding = LiveValue(AnnotationDocument(), self)
         self._history = EditHistory(AnnotationDocument())
-        self._reading = BackgroundWorker(self)
-        self._saving = asyncio.Lock()
+        self._slow_work = BackgroundWorker(self)
         self._saved = AnnotationDocument()
-        self._unsaved: Future[None] | None = None
         self._overview_maker: ChildProcess | None = None
         self._overview_made.connect(self.overview.set)
         self._overview_missing.connect(self._on_overview_missing)
-        self._save_failed.connect(self._on_save_failed)
 
     def start(self) -> None:
         """Load existing annotations, and compute the overview in the background."""
@@ -125,19 +108,12 @@ class AnnotationSession(QObject):
         )
 
     def close(self) -> str:
-        """Wait until everything is saved, at most ten seconds; returns a message about what could not
-        be, else empty.
-        """
+        """Wait until everything is saved; returns a message about what could not be, else empty."""
         if self._overview_maker is not None:
             self._overview_maker.stop(grace_s=0.0)
-        self._reading.finish(lambda _words, wait_for_it: wait_for_it())
-        saving, self._unsaved = self._unsaved, None
-        if saving is None:
-            return ""
-        wait([saving], timeout=_SAVED_WITHIN_S)
-        if saving.done() and self._saved != self._history.document:
-            # The cause of a failed save may be fixed meanwhile.
-            wait([self._asyncio.submit(self._save(self._history.document))], timeout=_SAVED_WITHIN_S)
+        if self._saved != self._history.document:
+            self._save(self._history.document)  # the cause of a failed save may be fixed meanwhile
+        self._slow_work.finish(lambda _words, work: work())
         document, saved = self._history.document, self._saved
         if saved == document:
             return ""
@@ -167,6 +143,9 @@ class AnnotationSession(QObject):
         return folder / "annotations"
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
+        """Apply a function of ``annotation_editing``, and save the result in the background; returns the reason if
+        refused, else empty.
+        """
         try:
             document = self._history.apply(edit)
         except AnnotationError as refusal:
@@ -176,6 +155,7 @@ class AnnotationSession(QObject):
         return ""
 
     def undo_steps(self) -> tuple[str, str]:
+        """Names of the steps that ``undo`` and ``redo`` would change, in the wizard's language; empty for none."""
         return tr(self._history.undo_step), tr(self._history.redo_step)
 
     def undo(self) -> bool:
@@ -185,8 +165,7 @@ class AnnotationSession(QObject):
         return self._step(self._history.redo)
 
     def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
-        """Import in a background thread; returns at once."""
-
+        """Import an .eaf or CSV file as ``coder``'s; ``on_result`` receives the refusal, or ''."""
         skipped: list[str] = []
 
         def read() -> AnnotationDocument | str:
@@ -204,7 +183,7 @@ class AnnotationSession(QObject):
                 refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
             on_result(refused)
 
-        self._reading.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
+        self._slow_work.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
 
     def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
         before = self.coding.value
@@ -216,21 +195,24 @@ class AnnotationSession(QObject):
 
     def _show(self, document: AnnotationDocument) -> None:
         self.coding.set(document)
-        self._unsaved = self._asyncio.submit(self._save(document))
+        self._save(document)
 
-    async def _save(self, document: AnnotationDocument) -> None:
-        async with self._saving:
-            if document is not self._history.document:
-                return  # a newer version is queued
+    def _save(self, document: AnnotationDocument) -> None:
+        self._slow_work.do(
+            lambda: self._write(document),
+            lambda _saved: None,
+            lambda failure: self._problem(failure.what, tr(failure.meaning), failure.advice),
+        )
+
+    def _write(self, document: AnnotationDocument) -> None:  # background thread
+        if document is not self._history.document:
+            return  # a newer version is queued
+        advice = tr("Free some disk space, or make the session's folder writable; the next change saves them all.")
+        with reported((AnnotationError, OSError), tr("Your annotations are not saved."), advice):
             for coder in sorted({*coders_of(document), *coders_of(self._saved)}):
-                if tiers_of_coder(document, coder) == tiers_of_coder(self._saved, coder):
-                    continue
-                try:
-                    await asyncio.to_thread(save_coder, self._session.folder, document, coder)
-                except (AnnotationError, OSError) as error:
-                    self._save_failed.emit(str(error))
-                    return
-            self._saved = document
+                if tiers_of_coder(document, coder) != tiers_of_coder(self._saved, coder):
+                    save_coder(self._session.folder, document, coder)
+        self._saved = document
 
     def _on_overview_missing(self) -> None:
         if self.overview.value is None:
@@ -239,13 +221,6 @@ class AnnotationSession(QObject):
                 tr("Replay and annotation still work."),
                 tr("Close the replay and open it again; the log has the details."),
             )
-
-    def _on_save_failed(self, reason: str) -> None:
-        self._problem(
-            tr("Your annotations are not saved."),
-            tr(reason),
-            tr("Free some disk space, or make the session's folder writable; the next change saves them all."),
-        )
 
 
 _STREAMS = ("event/photo_taken", "event/photo_tagged", "event/photo_deleted")
@@ -388,19 +363,26 @@ class ReplayAdapters(Value):
 
 
 class ReplayConsole(QObject):
-    """Implements WizardConsole, refusing intents, and ReplayControls."""
+    """Implements WizardConsole, refusing intents, and controls the replay. Every call returns at once.
+
+    ``playback`` holds a PlaybackStatus, ``overview`` a SessionOverview once computed (None until then), ``coding`` the
+    annotations of all coders as an AnnotationDocument. ``live_robots`` holds a LiveRobotsStatus of robots that intents
+    to stop affect.
+    """
 
     thumbnail_made = Signal(str, object, object)
+    """(camera, at_ns, image_bgr): a requested thumbnail; an empty array if there is no image."""
     noticed = Signal(object)
+    """(Problem): problems of the replay itself; those of the session are in its log."""
 
     def __init__(self, parts: ReplayAdapters, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._parts = parts
-        self._session = session
+        self.session = session
         # A bag of another program has unknown places; those of the default scenario would be wrong.
         foreign = bool(session.header.source)
         self._stand_in = replace(parts.start_scenario, places=()) if foreign else parts.start_scenario
-        self._scenario = self._stand_in
+        self.scenario = self._stand_in
         # Scenario as in its file, without the wizard's layout.
         self._opened = self._stand_in
         self._layout: LayoutNode | None = None
@@ -409,42 +391,40 @@ class ReplayConsole(QObject):
         self._refused_ns = 0
         self._clock = PlaybackClock(session.started_ns, parts.end_ns, now_ns=parts.monotonic_ns)
         anchor: ClockAnchor = session.clock.anchor
-        self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
-        self._frames = ReplayFrames()
+        self.state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
+        self.frames = ReplayFrames()
         self._slow_work = BackgroundWorker(self)
-        self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
             session,
             self._clock,
-            self._state,
-            self._frames,
+            self.state,
+            self.frames,
             name_of=parts.name_of,
             frame_times=parts.frame_times,
             parent=self,
         )
         self._player.standing_changed.connect(self._on_state_changed)
         self._player.standing_jumped.connect(self._on_state_jumped)
-        self._coding = AnnotationSession(
-            session, self._asyncio, self._report_failure, self, unsaved_dir=parts.unsaved_dir
-        )
+        self._coding = AnnotationSession(session, self._report_failure, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self.thumbnail_made.emit)
         self.play, self.pause, self.set_rate = self._player.play, self._player.pause, self._player.set_rate
         self.seek, self.step = self._player.seek, self._player.step
         self.edit, self.import_annotations = self._coding.edit, self._coding.import_annotations
         self.undo, self.redo, self.undo_steps = self._coding.undo, self._coding.redo, self._coding.undo_steps
+        self.playback, self.overview, self.coding = self._player.playback, self._coding.overview, self._coding.coding
         self.request_thumbnail = self._thumbnails.request
-        self._photos = ReplayPhotos(session, self._state, self)
-        self._transcript = ReplayTranscript(session, self._state, self)
+        self._photos = ReplayPhotos(session, self.state, self)
+        self._transcript = ReplayTranscript(session, self.state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
-        self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
-        self._state.scenario.set(self._scenario)
-        self._state.places.set(self._scenario.places)
-        self._state.cameras.set(parts.cameras)
+        self._gate = Gate(self.state, lambda: self.scenario.permissions, replay=True)
+        self.state.scenario.set(self.scenario)
+        self.state.places.set(self.scenario.places)
+        self.state.cameras.set(parts.cameras)
 
     def with_names(self, text: str) -> str:
-        """ReplayControls: text with names, if the scenario permits them."""
-        naming = self._scenario.permissions.naming_people
+        """Transcript text with names in place of recorded ids, if the scenario permits them."""
+        naming = self.scenario.permissions.naming_people
 
         def name_of(person_id: str) -> str:
             return (self._parts.name_of(person_id) if naming else None) or "somebody"
@@ -461,7 +441,7 @@ class ReplayConsole(QObject):
         self._coding.start()
         if self._live is not None:
             self._live.start()
-        session = self._session
+        session = self.session
         notices = dict.fromkeys((*session.notices, *session.losses))
         if notices:
             cut = not session.closed_properly
@@ -488,51 +468,21 @@ class ReplayConsole(QObject):
         self._photos.close()
         self._transcript.close()
         self._slow_work.finish(lambda _words, wait: wait())
-        self._asyncio.stop()
-        self._state.close()
+        self.state.close()
 
     # State for the window
-
-    @property
-    def state(self) -> LiveState:
-        return self._state
-
-    @property
-    def scenario(self) -> Scenario:
-        return self._scenario
-
-    @property
-    def frames(self) -> ReplayFrames:
-        return self._frames
-
-    @property
-    def session(self) -> Session:
-        return self._session
-
-    @property
-    def playback(self) -> LiveValue:
-        return self._player.playback
-
-    @property
-    def overview(self) -> LiveValue:
-        return self._coding.overview
 
     @property
     def live_robots(self) -> LiveValue:
         return self._no_live_robots if self._live is None else self._live.status
 
     @property
-    def coding(self) -> LiveValue:
-        return self._coding.coding
-
-    @property
     def settled(self) -> bool:
         """Whether the display matches the position."""
         return self._player.settled
 
-    # ReplayControls
-
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
+        """Go to the next mark or utterance in that direction; False if there is none."""
         overview: SessionOverview | None = self._coding.overview.value
         if overview is None:
             return False
@@ -572,7 +522,7 @@ class ReplayConsole(QObject):
             elif isinstance(event, LayoutChanged):
                 self._layout = self._parts.read_layout(event)
             elif isinstance(event, RobotChosen):
-                self._state.robot.set(self._parts.read_robot(event))
+                self.state.robot.set(self._parts.read_robot(event))
         except ValueError as error:
             if event not in self._unreadable:
                 self._unreadable.add(event)
@@ -580,9 +530,9 @@ class ReplayConsole(QObject):
 
     def _show_scenario(self) -> None:
         displayed = self._opened if self._layout is None else replace(self._opened, layout=self._layout)
-        if displayed != self._scenario:
-            self._scenario = displayed
-            self._state.scenario.set(displayed)
+        if displayed != self.scenario:
+            self.scenario = displayed
+            self.state.scenario.set(displayed)
 
     # Intents: refused, because the session is over
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field, replace
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain.events import (
     CommandSent,
@@ -31,6 +31,7 @@ from caris_desktop.domain.streams import (
     streams_voided_by,
 )
 from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
 from caris_desktop.live.state import LiveState, LiveValue, show_status
 from caris_desktop.live.status import PlaybackStatus
@@ -51,20 +52,16 @@ class PlaybackClock:
         self._now_ns = now_ns
         self._position_ns = start_ns
         self._since_ns: int | None = None
-        self._rate = 1.0
+        self.rate = 1.0
 
     @property
     def playing(self) -> bool:
         return self._since_ns is not None
 
-    @property
-    def rate(self) -> float:
-        return self._rate
-
     def position_ns(self) -> int:
         if self._since_ns is None:
             return self._position_ns
-        elapsed_ns = round((self._now_ns() - self._since_ns) * self._rate)
+        elapsed_ns = round((self._now_ns() - self._since_ns) * self.rate)
         return min(self.end_ns, self._position_ns + elapsed_ns)
 
     def play(self) -> None:
@@ -77,7 +74,7 @@ class PlaybackClock:
 
     def set_rate(self, rate: float) -> None:
         self.seek(self.position_ns())
-        self._rate = min(MOST_RATE, max(LEAST_RATE, rate))
+        self.rate = min(MOST_RATE, max(LEAST_RATE, rate))
 
     def seek(self, at_ns: int) -> None:
         self._position_ns = min(self.end_ns, max(self.start_ns, at_ns))
@@ -309,9 +306,7 @@ class ReplayPlayer(QObject):
         self._failed.connect(self._on_failed, Qt.ConnectionType.QueuedConnection)
         self._feed = ReplayFeed(session, ready=self._situation_ready.emit, failed=self._failed.emit)
         self._video = ReplayVideo(session, frames, self._frame_ready.emit)
-        self._timer = QTimer(self)
-        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._tick)
+        self._timer = new_timer(self, self._tick, _TICK_MS, precise=True)
 
     def start(self) -> None:
         """Start paused at the beginning."""
@@ -333,7 +328,7 @@ class ReplayPlayer(QObject):
             self.seek(self._clock.start_ns)
         self._clock.play()
         self._feed.read_ahead(playing=True)
-        self._timer.start(_TICK_MS)
+        self._timer.start()
         self._notify()
 
     def pause(self) -> None:
@@ -343,14 +338,17 @@ class ReplayPlayer(QObject):
         self._notify()
 
     def set_rate(self, rate: float) -> None:
+        """Set the rate, 0.1 to 16."""
         self._clock.set_rate(rate)
         self._notify()
 
     def seek(self, at_ns: int) -> None:
+        """Seek to a time of the session clock, clamped to the session."""
         self._clock.seek(at_ns)
         self._jump()
 
     def step(self, frames: int) -> None:
+        """Pause and move by this many frames, backward if negative."""
         self.pause()
         frame: FrameRef | None = self._state.frame.value
         times = self._frame_times(frame.camera) if frame is not None else []

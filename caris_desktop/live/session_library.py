@@ -11,8 +11,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 _THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")
-_END_WITHIN_S = 5.0
 _CHECK_AFTER_REPLAYS_MS = 300
 _LAST_WORDS_BYTES = 4096
 _LAST_LINE_CHARACTERS = 400
@@ -56,7 +53,7 @@ class _Replay(Value):
 
 
 class LiveSessionLibrary(QObject):
-    """Implements SessionLibrary. ``found`` holds a LibraryStatus, ``export`` an ExportStatus."""
+    """``found`` holds a LibraryStatus, ``export`` an ExportStatus. Every call returns at once."""
 
     _looked = Signal(object)
     _exporter_spoke = Signal(object, object)
@@ -82,79 +79,60 @@ class LiveSessionLibrary(QObject):
         self._looked.connect(self.found.set, Qt.ConnectionType.QueuedConnection)
         self._exporter_spoke.connect(self._on_exporter_message, Qt.ConnectionType.QueuedConnection)
         self._exporter_ended.connect(self._on_exporter_ended, Qt.ConnectionType.QueuedConnection)
-        self._changed = threading.Condition()
         self._requested: SessionQuery | None = None
-        self._ended = False
-        self._searcher: threading.Thread | None = None
+        self._index: StudyIndex | None = None
+        self._index_work = BackgroundWorker(self)
         self._exporter: ChildProcess | None = None
         self._out = Path()
-        self._tidying: list[threading.Thread] = []
         self._slow_work = BackgroundWorker(self)
         self._replays: list[_Replay] = []
         self._replay_watch = new_timer(self, self._supervise_replays, _CHECK_AFTER_REPLAYS_MS)
 
     def shutdown(self) -> None:
-        """End the search and a running export; replays stay open. Blocks a few seconds at most."""
-        until_s = time.monotonic() + _END_WITHIN_S
-        self._slow_work.finish(lambda _words, wait: wait())
+        """End the search and a running export; replays stay open."""
         self._replay_watch.stop()
         for replay in self._replays:
             replay.words.close()
         self._replays.clear()
         self.cancel_export()
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
-        for thread in (self._searcher, *self._tidying):
-            if thread is not None:
-                thread.join(max(0.0, until_s - time.monotonic()))
+        self._requested = None
+        self._index_work.do(self._close_index, lambda _closed: None, self._notify)
+        for work in (self._index_work, self._slow_work):
+            work.finish(lambda _words, wait: wait())
 
     # Search
 
     def find(self, query: SessionQuery) -> None:
+        """Search, update the index, and search again."""
         self.found.update(query=query, updating=True)
-        with self._changed:
-            self._requested = query
-            self._changed.notify()
-        if self._searcher is None:
-            self._searcher = threading.Thread(target=self._search, name="session-index", daemon=True)
-            self._searcher.start()
+        self._requested = query
+        self._index_work.do(partial(self._search, query), lambda _found: None, self._notify)
 
-    def _search(self) -> None:  # index thread
+    def _search(self, query: SessionQuery) -> None:  # index thread
         from caris_desktop.recording.studies.study_index import StudyIndex
 
-        index: StudyIndex | None = None
+        if query is not self._requested:
+            return
         try:
-            while True:
-                with self._changed:
-                    while self._requested is None and not self._ended:
-                        self._changed.wait()
-                    if self._ended:
-                        return
-                    query, self._requested = self._requested, None
-                assert query is not None  # noqa: S101 - waited for above
-                try:
-                    index = index or StudyIndex.of_study(self._study)
-                    # Known results first; then changes since.
-                    self._looked.emit(_search(index, query, updating=True))
-                    index.update(self._go_on)
-                    self._looked.emit(_search(index, query, updating=False))
-                except _SupersededError:
-                    continue
-                except Exception as error:
-                    _log.exception("looking for sessions in %s", self._study)
-                    self._looked.emit(
-                        LibraryStatus(
-                            query, detail=tr("The sessions could not be searched: {error}").format(error=error)
-                        )
-                    )
-        finally:
-            if index is not None:
-                index.close()
+            index = self._index = self._index or StudyIndex.of_study(self._study)
+            # Known results first; then changes since.
+            self._looked.emit(_search(index, query, updating=True))
+            index.update(partial(self._go_on, query))
+            self._looked.emit(_search(index, query, updating=False))
+        except _SupersededError:
+            return
+        except Exception as error:
+            _log.exception("looking for sessions in %s", self._study)
+            detail = tr("The sessions could not be searched: {error}").format(error=error)
+            self._looked.emit(LibraryStatus(query, detail=detail))
 
-    def _go_on(self, _fraction: float) -> None:
+    def _close_index(self) -> None:  # index thread
+        if self._index is not None:
+            self._index.close()
+
+    def _go_on(self, query: SessionQuery, _fraction: float) -> None:
         """Progress callback that interrupts reading; what was read so far is saved."""
-        if self._ended or self._requested is not None:
+        if query is not self._requested:
             raise _SupersededError
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
@@ -198,6 +176,9 @@ class LiveSessionLibrary(QObject):
     def choose_export_folder(
         self, sessions: Sequence[Path], on_folder: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
+        """Propose a new export folder; ``on_folder`` receives it later. ``chosen``: the wizard's folder, used itself if
+        empty, else a new subfolder.
+        """
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
         usual = self._study / "exports" / name
 
@@ -218,6 +199,10 @@ class LiveSessionLibrary(QObject):
         with_names: bool = False,
         csv: CsvStyle = SHOWN,
     ) -> None:
+        """Export each session in each format in a process.
+
+        Wizards, coders and the robot's address are pseudonymised unless ``with_names``.
+        """
         if self._exporter is not None:
             return
         from caris_desktop.recording.session_export import ExportRequest, run_exports
@@ -242,6 +227,7 @@ class LiveSessionLibrary(QObject):
         exporter.start()
 
     def cancel_export(self) -> None:
+        """Cancel the export; complete files stay, partial ones are removed."""
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return
@@ -276,10 +262,8 @@ class LiveSessionLibrary(QObject):
         self.export.set(ExportStatus("failed", detail=tr("The export ended unexpectedly. The sessions are unharmed.")))
 
     def _end(self, exporter: ChildProcess) -> None:
-        """End the exporter in a thread: removing its output may take long."""
-        tidying = threading.Thread(target=_end_and_tidy, args=(exporter, self._out), name="export-end", daemon=True)
-        self._tidying = [*(thread for thread in self._tidying if thread.is_alive()), tidying]
-        tidying.start()
+        """End the exporter in the background: removing its output may take long."""
+        self._slow_work.do(partial(_end_and_tidy, exporter, self._out), lambda _ended: None, self._notify)
 
 
 def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -190,31 +191,23 @@ class LiveValue(QObject):
 
 
 class LiveState(QObject):
-    """All state that panels may show.
+    """All state that panels may show: LiveStreams of the stream table, and LiveValues. Values whose first one does not
+    show their type:
 
-    ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
-    ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
-    ``assistant``, ``load``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
-    (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
-    (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control id
-    to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus). ``face`` is a
-    FaceStatus, ``face_drawing`` its current contents (Drawing, image array, JPEG data, or None) and ``face_page`` the
-    secret address of its page. ``voice`` is a VoiceStatus, ``marks`` a MarksStatus, ``notes`` the session's notes, in a
-    replay all of them (tuple of FinalMark), ``protocol`` a ProtocolStatus, ``preflight`` a tuple of PreflightCheck.
-    ``microphone`` (the participant's) and ``wizard_microphone`` are MicrophoneStatus, ``sound`` a SoundStatus,
-    ``listening`` a ListeningStatus, ``photos`` a tuple of PhotoEntry, newest first. ``levels`` is a LevelsStatus,
-    ``suggestions`` a SuggestionsStatus, ``proposal`` a ProposalStatus. ``cameras`` are the names of cameras with video,
-    ``camera`` is the one on display: ``frame`` and ``people`` belong to it, ``people_in_map`` and ``persons`` to all.
-    :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are streams per camera, with their own age. ``own_cameras``
-    are those of this computer, a CameraModel or None by name, and ``camera_state`` their state. ``named_person`` is the
-    id of the person being named. ``selected_person`` is the id of the selected person, empty for none; ``asked_person``
-    is the IdentityQuestion that keys answer, or None, and ``person_history`` the last lookup, a PersonHistory
-    or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
-    rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
-    an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each
-    child process by name.
+    ``goal`` (GoalChanged or None), ``persons`` and ``everybody`` (tuples of PersonRow: people present, and also former
+    and known ones), ``robot`` (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple
+    of Place), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control id to ControlStatus),
+    ``traffic`` (dict of link name to TrafficMeasured), ``notes`` (tuple of FinalMark), ``preflight`` (tuple of
+    PreflightCheck), ``photos`` (tuple of PhotoEntry, newest first), ``transcript`` (tuple of Turn), ``asked_person``
+    (IdentityQuestion that keys answer, or None), ``person_history`` (PersonHistory of the last lookup, or None).
+    Transcript and notes are those of the session, in a replay all of it.
 
-    ``speech_history`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
+    ``cameras`` are the names of cameras with video, ``camera`` is the one on display: ``frame`` and ``people`` belong
+    to it, ``people_in_map`` and ``persons`` to all. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are
+    streams per camera, with their own age. ``own_cameras`` are those of this computer, a CameraModel or None by name.
+    ``face_drawing`` is the face's current contents (Drawing, image array, JPEG data, or None) and ``face_page`` the
+    secret address of its page. ``selected_person`` and ``named_person`` are ids, empty for none; ``portraits`` maps the
+    keys in rows of people to images. ``speech_history`` (sentences, oldest first) includes earlier sessions;
     ``phrase_group`` is the index of the group on the phrase keys, ``fillers_spoken`` a count. ``chosen_utterance`` is
     the id of the utterance selected in the queue, ``held_marks`` are the ids of marks whose key is down.
 
@@ -542,30 +535,16 @@ require_recordable(*(kind for name, kind in STATUS_TYPES.items() if name != "con
 _REASONS = ("detail", "reason", "cap_reason", "guard_detail")
 
 
-class StatusTap(QObject):
-    """Passes every change to ``record``, and the initial values."""
+def tap_status(state: LiveState, record: Callable[[StatusShown], None]) -> None:
+    """Pass the present values and every change to ``record``."""
 
-    def __init__(self, state: LiveState, record: Callable[[StatusShown], None], parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._record = record
-        self._watches = [_Watch(name, getattr(state, name), self._on_changed, self) for name in STATUS_TYPES]
+    def report(name: str, value: Any) -> None:
+        record(StatusShown(clock.now_ns(), name, content_of(name, value)))
 
-    def _on_changed(self, name: str, value: Any) -> None:
-        self._record(StatusShown(clock.now_ns(), name, content_of(name, value)))
-
-
-class _Watch(QObject):
-    """Observer of one value, which knows its name."""
-
-    def __init__(self, name: str, value: LiveValue, report: Callable[[str, Any], None], parent: QObject) -> None:
-        super().__init__(parent)
-        self._name = name
-        self._report = report
-        value.changed.connect(self._on_changed)
+    for name in STATUS_TYPES:
+        value: LiveValue = getattr(state, name)
+        value.changed.connect(partial(report, name))
         report(name, value.value)
-
-    def _on_changed(self, value: Any) -> None:
-        self._report(self._name, value)
 
 
 def show_status(state: LiveState, status: StatusShown, *, name_of: Callable[[str], str | None]) -> None:

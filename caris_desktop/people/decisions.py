@@ -24,6 +24,7 @@ from caris_desktop.domain.events import (
     PersonRenamed,
     PersonSplit,
     Problem,
+    Severity,
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -164,13 +165,12 @@ class Decisions:
         events: list[Event] = [PersonRenamed(now_ns, root, actor)]
         if self._known.namesakes(root, name):
             events.append(
-                Problem(
+                _answer(
                     now_ns,
                     "info",
                     tr("Two people now have the same name."),
                     tr("They remain two people, each with their own data."),
                     tr("If they are one person, merge them in the People panel; otherwise rename one of them."),
-                    cause=ANSWER,
                 )
             )
         return events
@@ -253,13 +253,12 @@ class Decisions:
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
         if not self._done:
             return [
-                Problem(
+                _answer(
                     now_ns,
                     "info",
                     tr("There is nothing to undo."),
                     tr("Nothing was changed."),
                     tr("Erasing a person is permanent."),
-                    cause=ANSWER,
                 )
             ]
         done = self._done.pop()
@@ -274,13 +273,12 @@ class Decisions:
         except PeopleStoreError as error:
             message = str(error)
             return [
-                Problem(
+                _answer(
                     now_ns,
                     "error",
                     tr(message),
                     tr("The person is not erased yet."),
                     tr("Try again when the problem is fixed."),
-                    cause=ANSWER,
                 )
             ]
         self._done = deque((done for done in self._done if not done.concerns & ids), maxlen=MOST_UNDONE)
@@ -337,23 +335,25 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())[:MAX_NAME_LENGTH]
 
 
+def _answer(now_ns: int, severity: Severity, what: str, meaning: str, advice: str) -> Problem:
+    return Problem(now_ns, severity, what, meaning, advice, cause=ANSWER)
+
+
 def _here_already(now_ns: int) -> Problem:
-    return Problem(
+    return _answer(
         now_ns,
         "info",
         tr("That person is already here."),
         tr("The same person cannot be here twice, so nothing was changed."),
         tr("Reject the identity of the other person, or merge the two if they are one person."),
-        cause=ANSWER,
     )
 
 
 def _unknown(now_ns: int) -> Problem:
-    return Problem(
+    return _answer(
         now_ns,
         "warning",
         tr("That person is no longer known."),
         tr("The request was not carried out."),
         tr("Choose a person from the People panel."),
-        cause=ANSWER,
     )

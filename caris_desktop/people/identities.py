@@ -196,8 +196,7 @@ class Identities:
     an undecided visit must not compete with its own person.
     """
 
-    def __init__(self, lines: Mapping[LooksKind, AppearanceCalibration] = LINES) -> None:
-        self._lines = lines
+    def __init__(self) -> None:
         self._views: dict[str, dict[_By, Views]] = {}
         self._recent: dict[str, dict[_By, _Recent]] = {}
         self._root: dict[str, str] = {}
@@ -336,7 +335,7 @@ class Identities:
                 self._galleries[by] = self._built(by)
             gallery = self._galleries[by]
             alike = gallery.likeness(np.stack(recent.vectors))
-            line = self._lines[by[0]]
+            line = LINES[by[0]]
             candidates = [
                 row for row, known in enumerate(gallery.person_ids) if known not in impossible and known != person_id
             ]
@@ -356,7 +355,7 @@ class Identities:
         guesses = _guesses(evidence)
         stranger = 1.0 - sum(guess.confidence for guess in guesses)
         best, second = guesses[0], guesses[1] if len(guesses) > 1 else None
-        margin = self._lines[best.kind].margin
+        margin = LINES[best.kind].margin
         if second is not None and frozenset((best.person_id, second.person_id)) in confused:
             margin *= 2.0
         sure = (

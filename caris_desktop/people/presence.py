@@ -139,7 +139,7 @@ class RecognitionSettings(Value):
 class PresenceTracker:
     """People in front of the cameras. For one thread.
 
-    A track becomes a person after ``confirm_frames`` frames, and leaves ``leave_after_s`` after the last detection, or
+    A track becomes a person after ``confirm_frames`` frames, and leaves ``LEAVE_AFTER_S`` after the last detection, or
     later if its camera is processed rarely. A track number that returns soon continues its visit, until
     :meth:`restart_tracks`; after a longer time only if recognition is off. Each camera has its own tracks.
 
@@ -151,11 +151,9 @@ class PresenceTracker:
         known: KnownPeople | None = None,
         *,
         confirm_frames: int = CONFIRM_FRAMES,
-        leave_after_s: float = LEAVE_AFTER_S,
-        portraits: Portraits | None = None,
         settings: RecognitionSettings = RecognitionSettings(),
     ) -> None:
-        self.portraits = Portraits() if portraits is None else portraits
+        self.portraits = Portraits()
         self._known = KnownPeople() if known is None else known
         self._confirm_frames = confirm_frames
         self._settings = settings
@@ -164,7 +162,7 @@ class PresenceTracker:
         self._decisions = Decisions(self._known, self._visits, self.portraits)
         self._cameras = MultiCameraTracks(self._visits, self._decisions, self._known)
         self._in_frame: dict[str, frozenset[Track]] = {}
-        self._patience = PresenceTimeout(round(leave_after_s * 1e9))
+        self._patience = PresenceTimeout(round(LEAVE_AFTER_S * 1e9))
         self._speaking = ""
         self._participant_history = UtteranceHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}

@@ -138,8 +138,7 @@ MAX_PORTRAITS = 200
 class Portraits:
     """Bounded portrait cache by key, so that signals need not carry images. Any thread."""
 
-    def __init__(self, at_most: int = MAX_PORTRAITS) -> None:
-        self._at_most = at_most
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._jpegs: OrderedDict[str, bytes] = OrderedDict()
 
@@ -147,7 +146,7 @@ class Portraits:
         with self._lock:
             self._jpegs[key] = jpeg
             self._jpegs.move_to_end(key)
-            while len(self._jpegs) > self._at_most:
+            while len(self._jpegs) > MAX_PORTRAITS:
                 self._jpegs.popitem(last=False)
 
     def get(self, key: str) -> bytes | None:

@@ -8,12 +8,12 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.domain.value_class import dataclass
 
 Floats = NDArray[np.float64]
 
@@ -170,17 +170,6 @@ AppearanceOf = Callable[[Sequence[int]], Floats]
 """How the people in these boxes look, one row of unit length for each."""
 
 
-class Followed(Value):
-    """One person in one frame. ``box`` is the row of the detection; ``number`` is never reused for another person.
-
-    ``embedding`` is the appearance embedding, if it was computed in this frame.
-    """
-
-    number: int
-    box: int
-    embedding: Floats | None = field(default=None, compare=False)
-
-
 @dataclass(slots=True, eq=False)
 class _Track(Motion):
     number: int = 0
@@ -196,10 +185,10 @@ class _Track(Motion):
 
 
 class CameraTracker:
-    """Tracks the people of one camera. ``new_number`` returns the number of a new track."""
+    """Tracks the people of one camera."""
 
-    def __init__(self, new_number: Callable[[], int] | None = None) -> None:
-        self._new_number = new_number or itertools.count(1).__next__
+    def __init__(self) -> None:
+        self._numbers = itertools.count(1)
         self._tracks: list[_Track] = []
         self._began = False
         self._stamp_s: float | None = None
@@ -215,8 +204,8 @@ class CameraTracker:
         shift_px: tuple[float, float] = (0.0, 0.0),
         picture_px: tuple[float, float] | None = None,
         appearance_of: AppearanceOf | None = None,
-    ) -> list[Followed]:
-        """Add the next frame.
+    ) -> list[tuple[int, int]]:
+        """Add the next frame; returns the number of each person, which nobody else ever gets, and the row of the box.
 
         Parameters
         ----------
@@ -269,7 +258,7 @@ class CameraTracker:
         left = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
         pairs += self._begin(left, corners_px, confidences, stamp_s, [box for _, box in pairs])
         self._learn_appearance(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
-        followed = [Followed(track.number, box, views.of(box)) for track, box in pairs if self._counts(track, stamp_s)]
+        followed = [(track.number, box) for track, box in pairs if self._counts(track, stamp_s)]
         self._forget(stamp_s)
         self._embeddings_left -= len(views)
         self._began = True
@@ -345,7 +334,7 @@ class CameraTracker:
         away_s = stamp_s - self._presence_timeout_s(LOST_S) - 1e-3  # known by appearance only, without a position
         ended = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
         self._tracks.append(ended)
-        track.number, track.embedding, track.well_seen = self._new_number(), None, False
+        track.number, track.embedding, track.well_seen = next(self._numbers), None, False
 
     def _counts(self, track: _Track, stamp_s: float) -> bool:
         if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):
@@ -355,7 +344,7 @@ class CameraTracker:
                 track.number = back.number
                 track.embedding = _mixed(back.embedding, track.embedding)
             elif not likely or track.well_seen or stamp_s - track.first_s >= _WAIT_FOR_VIEW_S:
-                track.number = self._new_number()
+                track.number = next(self._numbers)
         return track.confirmed
 
     def _who_is_back(self, track: _Track, stamp_s: float) -> tuple[_Track | None, bool]:

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.kalman_tracker import (
-    AppearanceOf,
     CameraTracker,
     Floats,
-    Followed,
     Motion,
     assigned,
     corners_of,
@@ -41,64 +39,6 @@ class _Track(Motion):
     @property
     def confirmed(self) -> bool:
         return self.hits >= _CONFIRM_AFTER
-
-
-class DeepSort:
-    """DeepSORT tracker (Wojke, Bewley and Paulus, 2017), as in the published system, for comparison. Motion gates the
-    candidates, appearance decides, and recently seen tracks match first. Two differences: time is in seconds, as in the
-    whole program, and without an appearance network motion alone decides.
-
-    Tracks the people of one camera. ``new_number`` returns the number of a new track.
-    """
-
-    def __init__(self, new_number: Callable[[], int]) -> None:
-        self._new_number = new_number
-        self._tracks: list[_Track] = []
-
-    def follow(
-        self,
-        corners_px: Floats,
-        confidences: Floats,
-        stamp_s: float,
-        *,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        appearance_of: AppearanceOf | None = None,
-    ) -> list[Followed]:
-        """Add the next frame; as :meth:`caris_desktop.perception.kalman_tracker.CameraTracker.follow`."""
-        for track in self._tracks:
-            track.advance(stamp_s, shift_px)
-        boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
-        embeddings = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
-        pairs: list[tuple[_Track, int]] = []
-        # The longer a track is lost, the larger its uncertainty and the more boxes match it.
-        confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
-        before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
-        for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
-            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, embeddings)
-        matched_ids = {id(track) for track, _ in pairs}
-        others = [
-            track
-            for track in self._tracks
-            if id(track) not in matched_ids and (not track.confirmed or track.seen_s == before_s)
-        ]
-        pairs += _by_overlap(others, _left(boxes, pairs), corners_px)
-        for track, box in pairs:
-            track.see(corners_px[box], stamp_s)
-            track.hits += 1
-            if box in embeddings:
-                track.embeddings.append(embeddings[box])
-        for box in _left(boxes, pairs):
-            track = _Track(*first_seen(corners_px[box], stamp_s), number=0)
-            if box in embeddings:
-                track.embeddings.append(embeddings[box])
-            self._tracks.append(track)
-        self._tracks = [
-            track for track in self._tracks if stamp_s - track.seen_s <= (_LOST_S if track.confirmed else 0.0)
-        ]
-        for track, _ in pairs:
-            if track.confirmed and not track.number:
-                track.number = self._new_number()
-        return [Followed(track.number, box, embeddings.get(box)) for track, box in pairs if track.confirmed]
 
 
 def _by_appearance(
@@ -208,7 +148,7 @@ class OwnTracker:
 
     def follow(self, corners_px: Floats, confidences: Floats, frame: TrackerFrame) -> list[tuple[int, int]]:
         height_px, width_px = frame.image_bgr.shape[:2]
-        found = self._tracker.follow(
+        return self._tracker.follow(
             corners_px,
             confidences,
             frame.stamp_s,
@@ -216,27 +156,57 @@ class OwnTracker:
             picture_px=(width_px, height_px),
             appearance_of=frame.embed if self._appearance else None,
         )
-        return [(each.number, each.box) for each in found]
 
 
 class DeepSortTracker:
-    """DeepSORT (:mod:`caris_desktop.perception.tracker_plugins`)."""
+    """DeepSORT tracker (Wojke, Bewley and Paulus, 2017), as in the published system, for comparison. Motion gates the
+    candidates, appearance decides, and recently seen tracks match first. Two differences: time is in seconds, as in the
+    whole program, and without an appearance network motion alone decides.
+    """
 
     caris_interface: ClassVar[int] = 1
 
     def __init__(self, *, appearance: bool) -> None:
         self._appearance = appearance
-        self._tracker = DeepSort(itertools.count(1).__next__)
+        self._numbers = itertools.count(1)
+        self._tracks: list[_Track] = []
 
     def follow(self, corners_px: Floats, confidences: Floats, frame: TrackerFrame) -> list[tuple[int, int]]:
-        found = self._tracker.follow(
-            corners_px,
-            confidences,
-            frame.stamp_s,
-            shift_px=frame.shift_px,
-            appearance_of=frame.embed if self._appearance else None,
-        )
-        return [(each.number, each.box) for each in found]
+        stamp_s = frame.stamp_s
+        for track in self._tracks:
+            track.advance(stamp_s, frame.shift_px)
+        boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
+        embeddings = dict(zip(boxes, frame.embed(boxes), strict=True)) if self._appearance and boxes else {}
+        pairs: list[tuple[_Track, int]] = []
+        # The longer a track is lost, the larger its uncertainty and the more boxes match it.
+        confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
+        before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
+        for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
+            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, embeddings)
+        matched_ids = {id(track) for track, _ in pairs}
+        others = [
+            track
+            for track in self._tracks
+            if id(track) not in matched_ids and (not track.confirmed or track.seen_s == before_s)
+        ]
+        pairs += _by_overlap(others, _left(boxes, pairs), corners_px)
+        for track, box in pairs:
+            track.see(corners_px[box], stamp_s)
+            track.hits += 1
+            if box in embeddings:
+                track.embeddings.append(embeddings[box])
+        for box in _left(boxes, pairs):
+            track = _Track(*first_seen(corners_px[box], stamp_s), number=0)
+            if box in embeddings:
+                track.embeddings.append(embeddings[box])
+            self._tracks.append(track)
+        self._tracks = [
+            track for track in self._tracks if stamp_s - track.seen_s <= (_LOST_S if track.confirmed else 0.0)
+        ]
+        for track, _ in pairs:
+            if track.confirmed and not track.number:
+                track.number = next(self._numbers)
+        return [(track.number, box) for track, box in pairs if track.confirmed]
 
 
 class _UltralyticsTracker:

@@ -765,17 +765,6 @@ def decode_audio_info(message: Any) -> AudioForm:
     return AudioForm("wave" if coding == "wave" else "mp3", rate_hz, channels)
 
 
-def encode_audio_info(form: AudioForm, *, bitrate: int = 0) -> Message:
-    """Encode audio_common_msgs/AudioInfo."""
-    return {
-        "channels": form.channels,
-        "sample_rate": form.rate_hz,
-        "sample_format": "S16LE",
-        "bitrate": bitrate,
-        "coding_format": form.coding,
-    }
-
-
 def samples_of(content: bytes, channels: int) -> NDArray[np.int16]:
     """S16LE as int16, shape (samples, channels). Raises MessageError for incomplete samples."""
     if len(content) % (2 * channels):

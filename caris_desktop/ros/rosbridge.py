@@ -34,11 +34,6 @@ _DTYPE_OF_TAG = {
 _TAG_OF_DTYPE = {
     np.dtype(form).name: tag for tag, form in _DTYPE_OF_TAG.items() if tag != 68 and (form[0] == "<" or form[2] == "1")
 }
-# Text of each int8, padded, in the order of the bytes 0 to 255: a map is written by table lookup.
-_INT8_TEXTS = np.frombuffer(
-    "".join(f"{number:4d}," for number in (*range(128), *range(-128, 0))).encode(), dtype=np.uint8
-).reshape(256, 5)
-_MANY_CELLS = 1_000
 _LONG_TEXT = 200_000
 _MAP_DATA = re.compile(r'"data"\s*:\s*\[(?=\s*-?[0-9])')
 # cbor2 would build dates, regular expressions, addresses, shared (cyclic) references ... from these
@@ -68,16 +63,10 @@ def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, A
 
 def encode_json(operation: dict[str, Any]) -> str:
     """JSON text in rosbridge's form: arrays as lists, ``inf`` and ``nan`` as null, bytes as base64."""
-    maps: list[str] = []
-    # Unguessable, so that it cannot occur in the text.
-    mark = f"cells {secrets.token_hex(8)} "
     try:
-        text = json.dumps(_plain(operation, maps, mark), separators=(",", ":"), allow_nan=False)
+        return json.dumps(_plain(operation), separators=(",", ":"), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise ProtocolError(f"the message cannot be written as JSON: {error}") from error
-    for index, cells in enumerate(maps):
-        text = text.replace(f'"{mark}{index}"', cells, 1)
-    return text
 
 
 def decode_cbor(content: bytes, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
@@ -119,11 +108,7 @@ class FragmentAssembler:
     def __init__(self, *, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
         self._max_bytes = max_bytes
         self._pending: dict[str | int, tuple[float, dict[int, str]]] = {}
-        self._held_bytes = 0
-
-    @property
-    def held_bytes(self) -> int:
-        return self._held_bytes
+        self.held_bytes = 0
 
     def add(self, fragment: dict[str, Any]) -> dict[str, Any] | None:
         """Whole operation if ``fragment`` was the last missing one, else None.
@@ -142,7 +127,7 @@ class FragmentAssembler:
             raise ProtocolError("the fragment is inconsistent with an earlier one of the same message")
         if number not in pieces:
             pieces[number] = data
-            self._held_bytes += len(data)
+            self.held_bytes += len(data)
         text = _joined(pieces, total)
         if text is not None and len(pieces) == math.ceil(total):
             self._drop(key)
@@ -152,7 +137,7 @@ class FragmentAssembler:
                 joined = decode_json(text, max_bytes=self._max_bytes)
                 self._drop(key)
                 return joined
-        while self._held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
+        while self.held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
             oldest = next(iter(self._pending))
             self._drop(oldest)
             if oldest == key:
@@ -162,11 +147,11 @@ class FragmentAssembler:
     def clear(self) -> None:
         """Drop everything, as after a reconnection."""
         self._pending.clear()
-        self._held_bytes = 0
+        self.held_bytes = 0
 
     def _drop(self, key: str | int) -> None:
         _, pieces = self._pending.pop(key)
-        self._held_bytes -= sum(len(piece) for piece in pieces.values())
+        self.held_bytes -= sum(len(piece) for piece in pieces.values())
 
 
 def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[str, Any]]:
@@ -281,21 +266,15 @@ def _encode_numpy(encoder: Any, value: Any) -> None:
         raise TypeError(f"{type(value).__name__} cannot be encoded for rosbridge")
 
 
-def _plain(value: Any, maps: list[str], mark: str) -> Any:
-    """JSON-compatible form. Large int8 arrays are moved to ``maps`` as text, replaced by ``mark`` and their index."""
+def _plain(value: Any) -> Any:
+    """JSON-compatible form."""
     if isinstance(value, dict):
-        return {key: _plain(item, maps, mark) for key, item in value.items()}
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item, maps, mark) for item in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.ndarray):
-        if value.dtype == np.int8 and value.ndim == 1 and value.size >= _MANY_CELLS:
-            # In a quarter of json's own time.
-            written = _INT8_TEXTS[value.view(np.uint8)].tobytes().translate(None, b" ")
-            maps.append(f"[{written[:-1].decode('ascii')}]")
-            return f"{mark}{len(maps) - 1}"
-        if value.dtype.kind == "f" and not np.isfinite(value).all():
-            return _plain(value.tolist(), maps, mark)
-        return value.tolist()
+        finite = value.dtype.kind != "f" or np.isfinite(value).all()
+        return value.tolist() if finite else _plain(value.tolist())
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

@@ -10,8 +10,8 @@ from PySide6.QtGui import QCloseEvent, QDesktopServices, QShowEvent
 from PySide6.QtWidgets import QFileDialog, QLabel, QProgressBar, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import ExportStatus
-from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
@@ -38,7 +38,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     closed = Signal()
 
-    def __init__(self, theme: Theme, library: SessionLibrary, sessions: Sequence[Path], parent: QWidget) -> None:
+    def __init__(self, theme: Theme, library: LiveSessionLibrary, sessions: Sequence[Path], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("export_dialog")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)

@@ -15,7 +15,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import IN_SESSION, DriveStatus
-from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_file import ScenarioChoice, ScenarioError, list_scenarios, load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario, panels_in
 from caris_desktop.ui import layouts, text_formatting
@@ -55,7 +55,9 @@ from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.windows import FaceWindows, GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
 
 if TYPE_CHECKING:  # imported at first use
+    from caris_desktop.live.replay_console import ReplayConsole
     from caris_desktop.live.robot_explorer import LiveRobotExplorer
+    from caris_desktop.live.session_library import LiveSessionLibrary
     from caris_desktop.ui.replay.timeline_view import ReplayWidgets
 
 
@@ -94,7 +96,7 @@ class MainWindow(PanelWindow, QWidget):
         self.appearance = Appearance(self.theme, settings)
         self._painted = self._began = False
         self._shown_scenario: Scenario | None = None
-        self._replay: ReplayControls | None = None
+        self._replay: ReplayConsole | None = None
         self._replay_parts: ReplayWidgets | None = None
         self.wizards = WizardProfiles(settings, self)
         # Keys
@@ -253,12 +255,12 @@ class MainWindow(PanelWindow, QWidget):
         """Enable robot discovery and saving profiles."""
         self.robots.use_explorer(explorer)
 
-    def use_library(self, library: SessionLibrary) -> None:
+    def use_library(self, library: "LiveSessionLibrary") -> None:
         """Enable the session library: find, replay and export sessions."""
         self.sessions.use_library(library)
         self.board.use_library()
 
-    def use_replay(self, replay: ReplayControls) -> None:
+    def use_replay(self, replay: "ReplayConsole") -> None:
         """Show a recorded session, with the timeline and the replay bar below the panels."""
         from caris_desktop.ui.replay.timeline_view import ReplayWidgets
 

@@ -332,7 +332,7 @@ class ProtocolStrip(Bar, QWidget):
         return present_step(self._console.scenario, self._console.state)
 
     def show_replay(self, overview: LiveValue) -> None:
-        """Show a replay, without controls. ``overview`` as in ReplayControls."""
+        """Show a replay, without controls. ``overview`` as in ReplayConsole."""
         self._replay = True
         overview.changed.connect(self._on_overview)
         self._on_overview(overview.value)

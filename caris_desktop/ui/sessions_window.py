@@ -43,8 +43,8 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LibraryStatus
-from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
@@ -255,7 +255,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
     export_requested = Signal(object)  # list of folders
     closed = Signal()
 
-    def __init__(self, theme: Theme, library: SessionLibrary, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: Theme, library: LiveSessionLibrary, parent: QWidget | None = None) -> None:
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("sessions_window")
         self.setWindowTitle(tr("Sessions · CARIS Desktop"))

@@ -27,7 +27,7 @@ from caris_desktop.live.status import (
     LinkStatus,
     RecordingStatus,
 )
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice, SessionLibrary, WizardConsole
+from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
 from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui.background_reading import Remembered, read_for
@@ -41,6 +41,7 @@ from caris_desktop.ui.window_place import bring_up, raise_window
 
 if TYPE_CHECKING:
     from caris_desktop.live.robot_explorer import LiveRobotExplorer
+    from caris_desktop.live.session_library import LiveSessionLibrary
     from caris_desktop.ui.export_dialog import ExportDialog
     from caris_desktop.ui.face_window import FaceEditor, FaceWindow
     from caris_desktop.ui.gamepad_dialog import GamepadDialog
@@ -187,7 +188,7 @@ class SessionWindows(_Windows):
     def __init__(self, theme: Theme, console: WizardConsole, wizards: WizardProfiles, window: QWidget) -> None:
         super().__init__(theme, console, window)
         self._wizards = wizards
-        self._library: SessionLibrary | None = None
+        self._library: LiveSessionLibrary | None = None
         self._start: StartDialog | None = None
         self._sessions: SessionsWindow | None = None
         self._export: ExportDialog | None = None
@@ -201,7 +202,7 @@ class SessionWindows(_Windows):
     def has_library(self) -> bool:
         return self._library is not None
 
-    def use_library(self, library: SessionLibrary) -> None:
+    def use_library(self, library: "LiveSessionLibrary") -> None:
         self._library = library
         library.found.changed.connect(self._on_found)
 

@@ -106,7 +106,7 @@ def test_a_simulated_robot_that_does_not_start(qtbot: QtBot) -> None:
     use_translator(in_trial_language)
     console = ProblemRecorder()
     robot = DemoRobot(console)  # type: ignore[arg-type]
-    robot._failed.emit(in_trial_language("it ended with exit code 3"))
+    robot._on_failed(in_trial_language("it ended with exit code 3"))
     qtbot.waitUntil(lambda: bool(console.problems))
     assert plain(console.problems[0]) == []
 

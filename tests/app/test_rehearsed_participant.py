@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.app.rehearse_command import RehearsedParticipant
+from caris_desktop.app.demo_robot import PREPARE, SAY, call_simulator
 from caris_desktop.live.background_worker import AsyncioThread
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
@@ -15,10 +15,10 @@ def test_nothing_of_what_they_are_notified_to_say_is_lost() -> None:
     thread = AsyncioThread()
     try:
         with SimulatedRobot("--empty") as robot:
-            participant = RehearsedParticipant(thread, lambda: robot.address)
-            participant.prepare(SENTENCES)
-            for sentence in SENTENCES:
-                participant.say(sentence)
+            texts = [{"text": sentence} for sentence in SENTENCES]
+            thread.submit(call_simulator(robot.address, PREPARE, texts))
+            for text in texts:
+                thread.submit(call_simulator(robot.address, SAY, [text]))
 
             def said() -> list[str]:
                 return [each["text"] for each in robot.state()["sound"]["said"]]

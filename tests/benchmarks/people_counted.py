@@ -7,7 +7,6 @@ intervals less than ``presence.LEAVE_AFTER_S`` apart are one. Prints one JSON ob
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,7 +17,6 @@ from PySide6.QtTest import QTest
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain.events import PersonAppeared
 from caris_desktop.live.console import Console
-from caris_desktop.live.robot_connections import SimulatedRobotProcess
 from caris_desktop.people.presence import LEAVE_AFTER_S
 from tests.benchmarks.burners import Burners
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
@@ -29,10 +27,8 @@ _SEEN_AT_LEAST_S = 1.0
 
 class _RobotWithVisits(DemoRobot):
     def __init__(self, console: Console, log: Path) -> None:
-        super().__init__(console)
-        command = [sys.executable, "-m", "tests.benchmarks.robot_with_visits", str(log)]
-        command += ["--port", "0", "--end-with-stdin", "--seed", "7"]
-        self.process = SimulatedRobotProcess(command, on_ready=self._ready.emit, on_failed=self._failed.emit)
+        command = ("-m", "tests.benchmarks.robot_with_visits", str(log), "--port", "0", "--end-with-stdin")
+        super().__init__(console, seed=7, python_arguments=command)
 
 
 def true_visits(stretches: list[dict[str, float]]) -> int:

@@ -77,7 +77,7 @@ def measure(
     floor = start_program("tests.benchmarks.bare_qt_key_to_websocket", load.address)
     if robot_elsewhere:
         robot = load.run.demo_robot
-        for pid in (listener.pid, None if robot is None else robot.process.pid):
+        for pid in (listener.pid, None if robot is None else robot.process.processId()):
             if pid is not None:
                 _run_at_once(pid)
     sent: list[CommandSent] = []

@@ -14,7 +14,6 @@ import pytest
 
 from caris_desktop.conversation.embedded_server import (
     REPLIES_SLOT,
-    CloseEmbedded,
     EmbeddedFailed,
     EmbeddedReady,
     find_embedded_weights,
@@ -213,11 +212,11 @@ def test_preflight_asks_it(url: str) -> None:
     assert "answers “" in asked.text
 
 
-def test_it_closes_when_asked() -> None:
+def test_it_ends_with_its_console() -> None:
     if missing := missing_for_embedded():
         pytest.skip(missing)
     server = Server()
-    server.connection.send(CloseEmbedded())
+    server.connection.close()
     server.process.join(10)
     assert server.process.exitcode == 0
 

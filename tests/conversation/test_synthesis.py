@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -25,7 +26,6 @@ from caris_desktop.conversation.synthesis import (
     speakable,
 )
 from caris_desktop.conversation.synthesis_messages import (
-    CloseSynthesis,
     SilenceSpeech,
     Speak,
     SynthesisFailed,
@@ -443,7 +443,8 @@ def test_closing_interrupts_and_ends_both_processes(start_speech: StartSpeech) -
     speech.say("u1", LONG_SENTENCE)
     speech.say("u2")
     speech.wait_state("u1", "started")
-    speech.connection.send(CloseSynthesis())
+    with socket.socket(fileno=os.dup(speech.connection.fileno())) as half:
+        half.shutdown(socket.SHUT_WR)  # as the console ends its children
     speech.wait_state("u2", "interrupted")
     assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted")]
     speech.process.join(10)

@@ -8,9 +8,8 @@ import pytest
 
 from caris_desktop.conversation.face.drawing import FaceState, drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.page import PageOpened
-from caris_desktop.live.background_worker import AsyncioThread
-from caris_desktop.live.services.face_service import FacePageProcess
+from caris_desktop.conversation.face.page import PageOpened, drawn, run_face_page
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from tests.support.chromium import Browser, chromium_or_skip
 from tests.support.polling import wait_for
 
@@ -21,15 +20,14 @@ UNIT = 6  # a hundredth of 600 pixels
 @pytest.mark.long
 def test_the_face_follows_its_state_and_never_stays_when_nobody_moves_it() -> None:
     chromium_or_skip()
-    thread = AsyncioThread()
     told: queue.Queue[object] = queue.Queue()
-    page = FacePageProcess(
-        False, thread, on_message=lambda message, _raw: told.put(message), on_exit=lambda code: told.put(code)
-    )
+    body = ProcessSpec("face page", run_face_page, (False,))
+    page = ChildProcess(body, on_message=lambda message, _raw: told.put(message))
+    page.start()
     opened = told.get(timeout=30)
     assert isinstance(opened, PageOpened)
     address = opened.address
-    page.show(drawing_of(FACE, FaceState()))
+    page.send(drawn(drawing_of(FACE, FaceState())))
     try:
         with Browser(address) as browser:
 
@@ -45,21 +43,20 @@ def test_the_face_follows_its_state_and_never_stays_when_nobody_moves_it() -> No
             assert [ink_at(side * eye[0], eye[1]) for side in (-1, 1)] == [FACE.ink, FACE.ink]
             assert ink_at(0, 0) == ink_at(60, 45) == FACE.background
 
-            page.show(drawing_of(FACE, FaceState(eyes_open=0.0, mouth_open=1.0)))
+            page.send(drawn(drawing_of(FACE, FaceState(eyes_open=0.0, mouth_open=1.0))))
             wait_for(lambda: ink_at(eye[0], eye[1] - 6) == FACE.background, "the eyes to close", timeout_s=5)
             assert ink_at(0, FACE.mouth.below + 3) == FACE.ink
 
             green = cv2.imencode(".png", np.full((60, 80, 3), (0, 255, 0), np.uint8))[1].tobytes()
-            page.show(green)
+            page.send(green)
             wait_for(lambda: browser.value("picture.naturalWidth") == 80, "the picture", timeout_s=5)
             assert browser.value("picture.hidden") is False
-            page.show(drawing_of(FACE, FaceState()))
+            page.send(drawn(drawing_of(FACE, FaceState())))
             wait_for(lambda: browser.value("picture.hidden"), "the face again", timeout_s=5)
 
-            page.stop()
+            page.stop(grace_s=2.0)
             wait_for(lambda: browser.value("drawing === null"), "the face to go", timeout_s=15)
             assert "lost" in browser.value("lost.textContent") and browser.value("lost.hidden") is False
             assert ink_at(eye[0], eye[1]) == "#000000"
     finally:
-        page.stop()
-        thread.stop()
+        page.stop(grace_s=2.0)

@@ -17,7 +17,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.recorded_messages import retranslate
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.background_worker import AsyncioThread
-from caris_desktop.live.model_client import Asking, ModelClient, Purpose
+from caris_desktop.live.model_client import ModelClient, Purpose
 
 EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")
 ELSEWHERE = ModelEndpoint("openai", "https://models.example.org/v1", "m")
@@ -63,13 +63,13 @@ class Talk:
         if "waits" in question:
             await asyncio.Event().wait()
 
-    def ask(self, question: str, *, purpose: Purpose = "question", **more: Any) -> Asking:
+    def ask(self, question: str, *, purpose: Purpose = "question", **more: Any) -> str:
         texts: list[str] = []
         asking = self.client.ask(
             [ChatMessage("user", question)], purpose=purpose, max_tokens=9, temperature=0.0,
             on_text=texts.append, on_wait=self.waits.append, on_end=self.ended.append, **more,
         )  # fmt: skip
-        self.texts[asking.exchange_id] = texts
+        self.texts[asking] = texts
         return asking
 
 
@@ -88,19 +88,19 @@ def test_several_requests_are_pending_and_each_has_its_own_fate(talk: Talk, qtbo
     waiting, failing = talk.ask("this waits"), talk.ask("this fails")
     schema = {"type": "object"}
     plain = talk.ask("this ends", purpose="replies", turn_id="u-7", revision=3, schema=schema, actor="wizard")
-    qtbot.waitUntil(lambda: len(talk.ended) == 2 and bool(talk.texts[waiting.exchange_id]))
+    qtbot.waitUntil(lambda: len(talk.ended) == 2 and bool(talk.texts[waiting]))
     assert talk.client.answering
-    waiting.cancel("the conversation moved on")
-    waiting.cancel("once is enough")
+    talk.client.cancel(waiting, "the conversation moved on")
+    talk.client.cancel(waiting, "once is enough")
     assert not talk.client.answering
     outcomes = {exchange.exchange_id: exchange for exchange in talk.ended}
-    assert outcomes[waiting.exchange_id].outcome == "cancelled"
-    assert outcomes[waiting.exchange_id].detail == "the conversation moved on"
-    assert outcomes[waiting.exchange_id].answer == "this waits"
-    assert (outcomes[failing.exchange_id].outcome, outcomes[failing.exchange_id].detail) == (
+    assert outcomes[waiting].outcome == "cancelled"
+    assert outcomes[waiting].detail == "the conversation moved on"
+    assert outcomes[waiting].answer == "this waits"
+    assert (outcomes[failing].outcome, outcomes[failing].detail) == (
         "failed", "It broke. Ask again.",
     )  # fmt: skip
-    exchange = outcomes[plain.exchange_id]
+    exchange = outcomes[plain]
     assert (exchange.outcome, exchange.purpose, exchange.turn_id, exchange.revision) == (
         "answered",
         "replies",
@@ -110,7 +110,7 @@ def test_several_requests_are_pending_and_each_has_its_own_fate(talk: Talk, qtbo
     assert exchange.actor == "wizard"
     assert talk.published == talk.ended, "each is recorded once"
     assert [given["schema"] for given in talk.given] == [None, None, schema]
-    assert talk.texts[plain.exchange_id][0] == "this "
+    assert talk.texts[plain][0] == "this "
 
 
 def test_the_recorded_question_may_be_shorter_than_the_request(talk: Talk, qtbot: QtBot) -> None:
@@ -140,7 +140,7 @@ def test_the_same_model_again_ends_nothing(talk: Talk, qtbot: QtBot) -> None:
     talk.client.use(EMBEDDED, display_name="Small", local_only=True)
     assert talk.client.answering and talk.published == []
     talk.client.use(EMBEDDED, display_name="Small", local_only=False)
-    assert [exchange.exchange_id for exchange in talk.published] == [asking.exchange_id]
+    assert [exchange.exchange_id for exchange in talk.published] == [asking]
 
 
 def test_without_a_model_nobody_is_asked(talk: Talk) -> None:
@@ -170,10 +170,10 @@ def test_the_reason_of_a_missing_answer_is_english_in_the_record(talk: Talk, qtb
 def test_the_reason_of_a_wait_is_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
     why = localized(QT_TR_NOOP("{what} The console tries again in {seconds} s."), what="Busy.", seconds=3)
     asking = talk.ask("this waits")
-    talk.client._waits.emit(asking.exchange_id, why)
+    talk.client._waits.emit(asking, why)
     qtbot.waitUntil(lambda: bool(talk.waits))
     assert tr(talk.waits[0]) == tr(why) != why
-    asking.cancel("")
+    talk.client.cancel(asking, "")
 
 
 @pytest.mark.logs("the language model exchange failed")
@@ -246,7 +246,7 @@ def test_late_reasoning_is_not_in_the_answer(talk: Talk, qtbot: QtBot) -> None:
     asking = talk.ask("it reasons and answers")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert talk.published[0].answer == "Only this."
-    assert not talk.texts[asking.exchange_id] or "Only this." not in talk.texts[asking.exchange_id][0]
+    assert not talk.texts[asking] or "Only this." not in talk.texts[asking][0]
 
 
 def test_an_answer_that_is_cut_is_marked_with_what_was_left_out(talk: Talk, qtbot: QtBot) -> None:

@@ -34,10 +34,15 @@ def _fed(**options: int) -> tuple[RecorderFeed, Pipe]:
     return RecorderFeed(pipe, **options), pipe  # type: ignore[arg-type]
 
 
+def _start(feed: RecorderFeed, message: Any, *events: Any) -> None:
+    feed.hold(*events)
+    feed.begin(message)
+
+
 def test_each_message_carries_its_arrival() -> None:
     feed, pipe = _fed()
     before_ns = clock.now_ns()
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(Marked(3, "a"))
     feed.close()
     assert pipe.messages == ["begin", Marked(3, "a")]
@@ -52,7 +57,7 @@ def test_current_states_come_first_and_once_for_each_key() -> None:
         feed.put(StatusShown(1, name, content))
     feed.put(BatteryState(2, 0.5))
     feed.put(Marked(3, "before the recording"))
-    feed.start("begin", "event")
+    _start(feed, "begin", "event")
     feed.close()
     assert pipe.messages == [
         "begin",
@@ -105,7 +110,7 @@ def test_nothing_of_a_session_that_is_abandoned_reaches_the_next() -> None:
     feed.drop()
     feed.put(Marked(2, "in between"))
     assert not feed.holds
-    feed.start("begin")
+    _start(feed, "begin")
     feed.close()
     assert pipe.messages == ["begin"]
 
@@ -123,7 +128,7 @@ def test_another_recorder_gets_the_session_that_has_not_begun() -> None:
 
 def test_a_pause_lets_nothing_through_and_ends_with_what_stands() -> None:
     feed, pipe = _fed()
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(BatteryState(1, 0.9))
     feed.pause("pause", paused=True)
     feed.put(Marked(2, "private"))
@@ -145,7 +150,7 @@ def test_a_pause_lets_nothing_through_and_ends_with_what_stands() -> None:
 
 def test_events_are_never_dropped_and_states_are_counted() -> None:
     feed, pipe = _fed(max_bytes=2000)
-    feed.start("begin")
+    _start(feed, "begin")
     wait_for(lambda: pipe.raw, "the beginning is written")
     pipe.open.clear()
     for number in range(50):
@@ -163,7 +168,7 @@ def test_events_are_never_dropped_and_states_are_counted() -> None:
 
 def test_an_event_is_reported_again_after_a_pause() -> None:
     feed, pipe = _fed()
-    feed.start("begin", "scenario A")
+    _start(feed, "begin", "scenario A")
     feed.pause("pause", paused=True)
     feed.pause("go on", "scenario B", paused=False)
     feed.close()
@@ -175,14 +180,14 @@ def test_states_of_a_lost_robot_do_not_head_the_next_recording() -> None:
     feed.put(BatteryState(2, 0.5))
     feed.put(StatusShown(1, "drive", 1))
     feed.forget_streams(("battery", "map"))
-    feed.start("begin")
+    _start(feed, "begin")
     feed.close()
     assert pipe.messages == ["begin", StatusShown(1, "drive", 1)]
 
 
 def test_dropped_values_are_reported_before_the_end() -> None:
     feed, pipe = _fed(max_bytes=600)
-    feed.start("begin")
+    _start(feed, "begin")
     wait_for(lambda: pipe.raw, "the beginning is written")
     pipe.open.clear()
     for number in range(50):
@@ -200,7 +205,7 @@ def _turn(stamp_ns: int, turn_id: str, state: str, text: str = "") -> UtteranceC
 
 def test_the_end_waits_for_what_becomes_of_the_turns_that_were_heard_before() -> None:
     feed, pipe = _fed()
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(_turn(1, "echo", "started"))
     feed.put(_turn(2, "question", "started"))
     before_ns = clock.now_ns()
@@ -228,7 +233,7 @@ def test_the_end_waits_for_what_becomes_of_the_turns_that_were_heard_before() ->
 def test_the_end_waits_no_longer_than_that() -> None:
     pipe = Pipe()
     feed = RecorderFeed(pipe, verdicts_within_s=0.0)  # type: ignore[arg-type] # as above
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(_turn(1, "open", "started"))
     feed.stop("end")
     wait_for(lambda: "end" in pipe.messages, "the end")
@@ -239,10 +244,10 @@ def test_the_end_waits_no_longer_than_that() -> None:
 
 def test_the_next_session_and_the_end_of_the_program_do_not_wait_for_words() -> None:
     feed, pipe = _fed()
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(_turn(1, "open", "started"))
     feed.stop("end")
-    feed.start("begin 2")
+    _start(feed, "begin 2")
     feed.put(_turn(2, "open", "finished", "Of the session before."))
     feed.put(_turn(3, "still open", "started"))
     feed.stop("end 2")
@@ -254,7 +259,7 @@ def test_the_next_session_and_the_end_of_the_program_do_not_wait_for_words() -> 
 
 def test_a_pause_lets_earlier_utterances_through() -> None:
     feed, pipe = _fed()
-    feed.start("begin")
+    _start(feed, "begin")
     feed.put(_turn(1, "before", "started"))
     feed.pause("pause", paused=True)
     feed.put(_turn(2, "within", "started"))

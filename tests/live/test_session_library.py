@@ -82,7 +82,7 @@ def test_a_cancelled_export_is_ended_behind_the_window(
     assert out.is_dir(), "nothing was waited for"
     may_remove.set()
     library.shutdown()
-    assert not out.exists() and removed_in == ["export-end"]
+    assert not out.exists() and removed_in == ["slow-work"]
 
 
 def test_a_cancelled_export_reports_nothing_of_the_next(

@@ -1,13 +1,12 @@
 """DeepSORT tracker: gating by motion, assignment by appearance, cascade by age."""
 
-import itertools
 from statistics import mean
 
 import numpy as np
 import pytest
 
 from caris_desktop.perception.kalman_tracker import Floats
-from caris_desktop.perception.tracker_plugins import DeepSort
+from caris_desktop.perception.tracker_plugins import DeepSortTracker, TrackerFrame
 from tests.perception.crowd import Picture, filmed, idf1
 
 
@@ -15,21 +14,20 @@ def box(x: float) -> Floats:
     return np.array([x, 200.0, x + 80.0, 400.0])
 
 
-def seen(tracker: DeepSort, xs: list[float], who: list[int], stamp_s: float, *, looks: bool = True) -> list[int]:
+_BLACK = np.zeros((480, 640, 3), np.uint8)
+
+
+def seen(tracker: DeepSortTracker, xs: list[float], who: list[int], stamp_s: float) -> list[int]:
     """Track of each box, 0 for none."""
     likenesses = np.eye(4)
-    followed = tracker.follow(
-        np.array([box(x) for x in xs]).reshape(-1, 4),
-        np.full(len(xs), 0.9),
-        stamp_s,
-        appearance_of=(lambda rows: likenesses[[who[row] for row in rows]]) if looks else None,
-    )
-    numbers = {each.box: each.number for each in followed}
+    frame = TrackerFrame(_BLACK, stamp_s, embedder=lambda rows: likenesses[[who[row] for row in rows]])
+    followed = tracker.follow(np.array([box(x) for x in xs]).reshape(-1, 4), np.full(len(xs), 0.9), frame)
+    numbers = {row: number for number, row in followed}
     return [numbers.get(row, 0) for row in range(len(xs))]
 
 
-def deep_sort() -> DeepSort:
-    return DeepSort(itertools.count(1).__next__)
+def deep_sort(*, looks: bool = True) -> DeepSortTracker:
+    return DeepSortTracker(appearance=looks)
 
 
 def test_a_person_counts_from_the_third_picture_on_and_not_after_a_single_one() -> None:
@@ -55,10 +53,10 @@ def test_a_box_far_from_the_prediction_is_another_person_despite_its_embedding()
 
 
 def test_without_embeddings_motion_decides() -> None:
-    tracker = deep_sort()
+    tracker = deep_sort(looks=False)
     for step in range(5):
-        seen(tracker, [100.0 + 10 * step, 400.0], [0, 1], 0.1 * step, looks=False)
-    assert seen(tracker, [400.0, 150.0], [1, 0], 0.5, looks=False) == [2, 1]
+        seen(tracker, [100.0 + 10 * step, 400.0], [0, 1], 0.1 * step)
+    assert seen(tracker, [400.0, 150.0], [1, 0], 0.5) == [2, 1]
 
 
 @pytest.mark.long
@@ -67,16 +65,12 @@ def test_embeddings_help_in_a_crowd() -> None:
         return mean(idf1(film, follow(film, looks=looks)) for film in map(filmed, range(2)))
 
     def follow(film: list[Picture], *, looks: bool) -> list[dict[int, int]]:
-        tracker = deep_sort()
+        tracker = deep_sort(looks=looks)
         answers = []
         for picture in film:
-            followed = tracker.follow(
-                picture.boxes,
-                picture.confidences,
-                picture.stamp_s,
-                appearance_of=(lambda rows, picture=picture: picture.looks[list(rows)]) if looks else None,
-            )
-            answers.append({each.box: each.number for each in followed})
+            embedder = lambda rows, picture=picture: picture.looks[list(rows)]  # noqa: E731
+            frame = TrackerFrame(_BLACK, picture.stamp_s, embedder=embedder)
+            answers.append({row: number for number, row in tracker.follow(picture.boxes, picture.confidences, frame)})
         return answers
 
     assert score(looks=True) > score(looks=False) + 3.0

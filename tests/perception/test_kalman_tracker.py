@@ -19,7 +19,7 @@ def numbers(
 ) -> dict[int, int]:
     corners = np.array(boxes).reshape(-1, 4)
     followed = follower.follow(corners, np.full(len(boxes), confidence), stamp_s, shift_px=(shift, 0.0))
-    return {each.box: each.number for each in followed}
+    return {box: number for number, box in followed}
 
 
 def follow_all(pictures: list[Picture], *, turns_known: bool = True, looks: bool = False) -> list[dict[int, int]]:
@@ -34,7 +34,7 @@ def follow_all(pictures: list[Picture], *, turns_known: bool = True, looks: bool
             picture_px=(WIDTH_PX, HEIGHT_PX),
             appearance_of=(lambda rows, picture=picture: picture.looks[list(rows)]) if looks else None,
         )
-        answers.append({each.box: each.number for each in followed})
+        answers.append({box: number for number, box in followed})
     return answers
 
 
@@ -78,7 +78,7 @@ def test_poor_boxes_become_a_person_after_a_while_unless_another_covers_them() -
     poor, person, legs = box(10.0), box(300.0), box(310.0, y=280.0, height=110.0)
     follower = CameraTracker()
     corners, confidences = np.array([poor, person, legs]), np.array([0.37, 0.9, 0.4])
-    seen = [[each.box for each in follower.follow(corners, confidences, 0.1 * step)] for step in range(15)]
+    seen = [[box for _, box in follower.follow(corners, confidences, 0.1 * step)] for step in range(15)]
     assert seen[0] == [1]
     assert sorted(seen[-1]) == [0, 1]
 
@@ -121,7 +121,7 @@ def test_a_person_who_returns_elsewhere_is_recognised_and_a_stranger_is_not() ->
             stamp_s,
             appearance_of=lambda rows: looks[[who[row] for row in rows]],
         )
-        return [each.number for each in followed]
+        return [number for number, _ in followed]
 
     assert look([box(10.0), box(500.0)], [0, 1], 0.0) == [1, 2]
     look([], [], 5.0)
@@ -140,7 +140,7 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
         followed = follower.follow(
             corners, np.full(len(xs), 0.9), stamp_s, appearance_of=lambda rows: likenesses[[who[row] for row in rows]]
         )
-        return [number for _, number in sorted((each.box, each.number) for each in followed)]
+        return [number for number, _ in sorted(followed, key=lambda pair: pair[1])]
 
     assert seen([10.0, 300.0], [0, 1], 0.0) == [1, 2]
     # Both exchanged their places; motion cannot tell, and appearance is unambiguous.
@@ -162,7 +162,7 @@ def test_a_person_who_enters_where_another_left_is_a_new_track() -> None:
             picture_px=(WIDTH_PX, HEIGHT_PX),
             appearance_of=lambda rows: likenesses[[who for _ in rows]],
         )
-        return [each.number for each in followed]
+        return [number for number, _ in followed]
 
     for step in range(20):  # leaves to the right
         assert seen(500.0 + 7 * step, 0, 0.1 * step) == [1]

@@ -12,7 +12,6 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.robot.link_process import ConsoleSender
 from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
-from caris_desktop.ros.message_conversion import AudioForm, encode_audio_info
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
 TONE = (np.sin(np.arange(1600) / 10) * 8000).astype(np.int16)
@@ -74,7 +73,8 @@ def test_broken_pieces_are_one_problem_and_the_next_good_one_is_heard() -> None:
 def test_the_form_that_the_robot_reports_replaces_that_of_the_profile() -> None:
     async def test(bench: LoopBench) -> None:
         await listening(bench)
-        await bench.bridge.publish("/info", encode_audio_info(AudioForm("wave", 44100, 2)))
+        form = {"channels": 2, "sample_rate": 44100, "sample_format": "S16LE", "bitrate": 0, "coding_format": "wave"}
+        await bench.bridge.publish("/info", form)
         await bench.bridge.publish("/audio", {"data": TONE.tobytes()}, cbor=True)
         [chunk] = await bench.until(lambda: bench.of(AudioChunk), "sound")
         assert (chunk.sample_rate_hz, chunk.samples.shape) == (44100, (800, 2))

@@ -105,7 +105,7 @@ EXEMPT: dict[str, dict[str, str]] = {
 
 _MARKS = ("tr", "QT_TR_NOOP")
 _LOGGED = ("critical", "debug", "error", "exception", "info", "log", "warning")
-_USER_ERRORS = ("MappingError", "UserFacingError")
+_USER_ERRORS = ("UserFacingError",)
 """Errors whose texts the wizard reads; texts of other errors go to the log."""
 
 _USER_ERROR_CLASSES = {

@@ -739,7 +739,7 @@ _METHODS: dict[type[Intent], str] = {
 
 
 class FakeLibrary:
-    """Implements SessionLibrary with ``sessions`` and ``hits``; ``calls`` holds the requests."""
+    """Stands in for LiveSessionLibrary with ``sessions`` and ``hits``; ``calls`` holds the requests."""
 
     def __init__(self, sessions: Sequence[SessionEntry] = (), hits: Sequence[SearchHit] = ()) -> None:
         self.found = LiveValue(LibraryStatus())

@@ -48,7 +48,7 @@ def sample_session(duration_s: float, *, trial: dict[str, str] | None = None) ->
 
 
 class FakeReplay(QObject):
-    """Implements ReplayControls; ``calls`` holds (name, arguments) in order."""
+    """Stands in for ReplayConsole; ``calls`` holds (name, arguments) in order."""
 
     thumbnail_made = Signal(str, object, object)
     noticed = Signal(object)

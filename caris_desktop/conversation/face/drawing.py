@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.face.face_file import Expression, Face
+from caris_desktop.conversation.face.face_file import Face
 from caris_desktop.domain.value_class import Value
 
 BLINK_S = 0.16
@@ -64,25 +64,21 @@ class FaceMotion:
     def __init__(self, face: Face, *, seed: int | None = None) -> None:
         self._random = random.Random(seed)  # noqa: S311 - when to blink
         self._face = face
-        self._expression = face.expressions[0]
+        self.expression = face.expressions[0]
         self._gaze = (0.0, 0.0)
         self._voice: SpokenLoudness | None = None
         self._hearing = False
         self._state = self._at_rest()
         self._at_ns: int | None = None
-        self._blink_ns: int | None = None
-
-    @property
-    def expression(self) -> Expression:
-        return self._expression
+        self.next_blink_ns: int | None = None
 
     def use(self, face: Face) -> None:
         """Change the face, preserving the expression by name if it has one."""
         self._face = face
-        self._expression = face.expression(self._expression.name)
+        self.expression = face.expression(self.expression.name)
 
     def express(self, name: str) -> None:
-        self._expression = self._face.expression(name)
+        self.expression = self._face.expression(name)
 
     def turn_gaze_to(self, right: float, up: float) -> None:
         """Set the gaze, -1 to 1 as seen on the screen."""
@@ -125,16 +121,12 @@ class FaceMotion:
         )  # fmt: skip
         return moving < _STILL and self._voice is None and not self._blinking
 
-    def next_blink_ns(self) -> int | None:
-        """Time of the next blink; None: never."""
-        return self._blink_ns
-
     @property
     def _blinking(self) -> bool:
-        return self._blink_ns is not None and self._at_ns is not None and self._at_ns >= self._blink_ns
+        return self.next_blink_ns is not None and self._at_ns is not None and self._at_ns >= self.next_blink_ns
 
     def _at_rest(self) -> FaceState:
-        expression = self._expression
+        expression = self.expression
         right, up = self._gaze
         hearing = 1.0 if self._hearing else 0.0
         return FaceState(
@@ -162,13 +154,13 @@ class FaceMotion:
     def _lids(self, now_ns: int) -> float:
         """Eye opening factor during a blink."""
         if not self._face.blink_every_s:
-            self._blink_ns = None
+            self.next_blink_ns = None
             return 1.0
-        if self._blink_ns is None:
-            self._blink_ns = now_ns + self._pause_ns()
-        into_s = (now_ns - self._blink_ns) / 1e9
+        if self.next_blink_ns is None:
+            self.next_blink_ns = now_ns + self._pause_ns()
+        into_s = (now_ns - self.next_blink_ns) / 1e9
         if into_s >= BLINK_S:
-            self._blink_ns = now_ns + self._pause_ns()
+            self.next_blink_ns = now_ns + self._pause_ns()
             return 1.0
         return 1.0 if into_s < 0 else abs(1.0 - 2.0 * into_s / BLINK_S)
 

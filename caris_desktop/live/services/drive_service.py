@@ -7,7 +7,7 @@ Ramping, repeating and sending zero is the link process's task.
 from collections.abc import Callable
 from dataclasses import replace
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -34,6 +34,7 @@ from caris_desktop.domain.link_commands import (
 )
 from caris_desktop.domain.ports import ReportProblem, RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.live.status import HeadStatus
@@ -81,13 +82,8 @@ class DriveService(Service):
         self._guard_switched_off = False
         self._goals_limited_to_mps: float | None = None
         # While the speed is capped, the age in its reason keeps counting.
-        self._aging = QTimer(self)
-        self._aging.setInterval(_AGE_SHOWN_EVERY_MS)
-        self._aging.timeout.connect(self._on_condition_changed)
-        self._renewal = QTimer(self)
-        self._renewal.setTimerType(Qt.TimerType.PreciseTimer)
-        self._renewal.setInterval(RENEW_EVERY_MS)
-        self._renewal.timeout.connect(self._renew)
+        self._aging = new_timer(self, self._on_condition_changed, _AGE_SHOWN_EVERY_MS)
+        self._renewal = new_timer(self, self._renew, RENEW_EVERY_MS, precise=True)
         self.use_scenario(scenario)
         state.robot.changed.connect(self._on_robot_changed)
         state.link.changed.connect(self._on_condition_changed)
@@ -183,7 +179,7 @@ class DriveService(Service):
         """Latch or release the emergency stop. Latching works locally without a link; False if it could not be sent."""
         if latched:
             self.release(QT_TR_NOOP("Emergency stop"), actor)
-        self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
+        self._state.drive.update(emergency_stop=latched)
         sent = self._robot.send(SetEmergencyStop(clock.now_ns(), latched, actor))
         self._on_condition_changed()
         return sent
@@ -195,7 +191,7 @@ class DriveService(Service):
 
     def set_speed_fraction(self, fraction: float, actor: Actor = CONSOLE) -> None:
         fraction = min(1.0, max(0.1, fraction))
-        self._state.drive.set(replace(self._state.drive.value, speed_fraction=fraction))
+        self._state.drive.update(speed_fraction=fraction)
         self._limit_goals(actor)
         self._resend()
 
@@ -218,28 +214,14 @@ class DriveService(Service):
             self._sent_target = Twist2D()
             self._show_target()
         elif isinstance(event, EmergencyStopChanged):
-            self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
+            self._state.drive.update(emergency_stop=event.latched)
             self._on_condition_changed()
         elif isinstance(event, NavigationSpeedChanged) and self._state.link.value.state in _LINKED:
-            self._state.drive.set(replace(self._state.drive.value, goal_limit_mps=event.limit_mps))
+            self._state.drive.update(goal_limit_mps=event.limit_mps)
         elif isinstance(event, MovementChanged) and self._state.link.value.state in _LINKED:
-            self._state.drive.set(
-                replace(
-                    self._state.drive.value,
-                    movement=event.state,
-                    stopped=event.stopped,
-                    velocity_publishers=event.publishers,
-                )
-            )
+            self._state.drive.update(movement=event.state, stopped=event.stopped, velocity_publishers=event.publishers)
         elif isinstance(event, GuardChanged) and self._state.link.value.state in _LINKED:
-            self._state.drive.set(
-                replace(
-                    self._state.drive.value,
-                    guard=event.state,
-                    guard_distance_m=event.distance_m,
-                    guard_detail=event.detail,
-                )
-            )
+            self._state.drive.update(guard=event.state, guard_distance_m=event.distance_m, guard_detail=event.detail)
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         self.release(QT_TR_NOOP("Another robot is connected"))
@@ -250,13 +232,10 @@ class DriveService(Service):
 
     def _apply_limits(self) -> None:
         forward_mps, turn_radps = self._scenario_limits.max_forward_mps, self._scenario_limits.max_turn_radps
-        self._state.drive.set(
-            replace(
-                self._state.drive.value,
-                max_forward_mps=min(forward_mps, self._limits.forward_mps),
-                max_left_mps=min(forward_mps, self._limits.left_mps),
-                max_turn_radps=min(turn_radps, self._limits.turn_radps),
-            )
+        self._state.drive.update(
+            max_forward_mps=min(forward_mps, self._limits.forward_mps),
+            max_left_mps=min(forward_mps, self._limits.left_mps),
+            max_turn_radps=min(turn_radps, self._limits.turn_radps),
         )
         self._limit_goals()
 
@@ -357,14 +336,11 @@ class DriveService(Service):
         return False
 
     def _show_target(self) -> None:
-        self._state.drive.set(
-            replace(
-                self._state.drive.value,
-                target_forward_mps=self._sent_target.forward_mps,
-                target_left_mps=self._sent_target.left_mps,
-                target_turn_radps=self._sent_target.turn_radps,
-                driver=self._actor if self._held else "",
-            )
+        self._state.drive.update(
+            target_forward_mps=self._sent_target.forward_mps,
+            target_left_mps=self._sent_target.left_mps,
+            target_turn_radps=self._sent_target.turn_radps,
+            driver=self._actor if self._held else "",
         )
 
 
@@ -404,13 +380,9 @@ class HeadService(Service):
         self._pan = self._tilt = 0.0
         self._actor: Actor = CONSOLE
         self._stepped_ns = 0
-        self._moving = QTimer(self)
-        self._moving.setTimerType(Qt.TimerType.PreciseTimer)
-        self._moving.setInterval(MOVE_EVERY_MS)
-        self._moving.timeout.connect(self._step)
+        self._moving = new_timer(self, self._step, MOVE_EVERY_MS, precise=True)
         self._nodded_from = (0.0, 0.0)
-        self._nodding = QTimer(self, singleShot=True, interval=_NOD_MS)
-        self._nodding.timeout.connect(self._end_nod)
+        self._nodding = new_timer(self, self._end_nod, _NOD_MS, single_shot=True)
         self._on_robot_changed(state.robot.value)
         state.robot.changed.connect(self._on_robot_changed)
         state.link.changed.connect(self._on_condition_changed)
@@ -499,7 +471,7 @@ class HeadService(Service):
         """Start from the measured angles: something else may have turned the head."""
         if self._state.head.freshness == "fresh":
             measured = self._state.head.value
-            self._state.look.set(replace(self._state.look.value, pan_rad=measured.pan_rad, tilt_rad=measured.tilt_rad))
+            self._state.look.update(pan_rad=measured.pan_rad, tilt_rad=measured.tilt_rad)
 
     def _step(self) -> None:
         head = self._head
@@ -522,7 +494,7 @@ class HeadService(Service):
         tilt_rad = min(max(tilt_rad, head.tilt_range_rad[0]), head.tilt_range_rad[1])
         if not self._robot.send(MoveHead(clock.now_ns(), pan_rad, tilt_rad, self._actor)):
             return False
-        self._state.look.set(replace(self._state.look.value, pan_rad=pan_rad, tilt_rad=tilt_rad))
+        self._state.look.update(pan_rad=pan_rad, tilt_rad=tilt_rad)
         return True
 
     def _end_turn(self) -> None:

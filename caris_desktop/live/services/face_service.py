@@ -31,8 +31,8 @@ from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import AsyncioThread, new_timer
-from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext, SupervisedProcess
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -52,9 +52,7 @@ class FaceService(ContextService):
     Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
     """
 
-    _page_reported = Signal(object, object)
     _sound_reported = Signal(object)
-    _page_ended = Signal(object)
 
     def __init__(
         self,
@@ -78,14 +76,16 @@ class FaceService(ContextService):
         self._caption = ""
         self._speaking_id = ""
         self._voices: dict[str, PlayedSound] = {}
-        self._page: FacePageProcess | None = None
+        self._page = SupervisedProcess(
+            self._children, ended=self._on_page_ended, on_message=self._on_page_message, grace_s=_PAGE_ENDS_WITHIN_S
+        )
+        self._newest_for_page: Drawing | bytes | NDArray[np.uint8] | None = None
+        self._delivering = False
         self._requested_by: Actor = CONSOLE
         self._picture_ns = 0
         self._contents: Drawing | bytes | None = None
         self._drawing = new_timer(self, self._draw, _DRAW_EVERY_MS)
-        self._page_reported.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
         self._sound_reported.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
-        self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
         self._bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
         self._state.people.changed.connect(self._on_people)
         self._state.frame.changed.connect(self._on_frame)
@@ -115,9 +115,6 @@ class FaceService(ContextService):
             self._use(settings.face, CONSOLE)
 
     def stop(self) -> None:
-        page, self._page = self._page, None
-        if page is not None:
-            page.stop()
         self._put_away()
 
     def _put_away(self) -> None:
@@ -230,40 +227,34 @@ class FaceService(ContextService):
         self._change(replace(self._state.face.value, window=intent.on), intent.actor)
 
     def _serve(self, intent: intents.ServeFace) -> None:
+        from caris_desktop.conversation.face.page import run_face_page
+
         self._motion_or_raise()
         if not intent.on:
             self._close_page()
             self._change(self._state.face.value, intent.actor)
             return
-        if self._page is not None:
-            return
-        page = self._page = FacePageProcess(
-            self._network,
-            self._asyncio,
-            on_message=lambda message, _raw: self._page_reported.emit(page, message),
-            on_exit=lambda _code: self._page_ended.emit(page),
-        )
-        self._requested_by = intent.actor
+        if self._page.child is None:
+            self._page.start(ProcessSpec("face page", run_face_page, (self._network,)))
+            self._requested_by = intent.actor
 
-    def _on_page_message(self, page: "FacePageProcess", message: Any) -> None:
+    def _on_page_message(self, message: Any) -> None:
         from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
 
-        if page is not self._page:
-            return  # no longer needed
         match message:
             case PageOpened(address):
                 self._state.face_page.set(address)
                 self._change(replace(self._state.face.value, served=True), self._requested_by)
                 if self._contents is not None:
-                    page.show(self._contents)
+                    self._show_on_page(self._contents)
             case PageFailed(reason):
                 self._report_not_served(tr("The face page cannot be served ({error}).").format(error=reason))
             case PagesOpen(pages) if pages != self._state.face.value.pages:
                 self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
-    def _on_page_ended(self, page: "FacePageProcess") -> None:
-        if page is self._page:
-            self._report_not_served(tr("The face page stopped unexpectedly."))
+    def _on_page_ended(self) -> None:
+        self._reset_page()
+        self._report_not_served(tr("The face page stopped unexpectedly."))
 
     def _report_not_served(self, what: str) -> None:
         self._close_page()
@@ -277,11 +268,33 @@ class FaceService(ContextService):
         )
 
     def _close_page(self) -> None:
-        page, self._page = self._page, None
-        if page is not None:
-            self._slow_work.do(page.stop, lambda _ended: None, self._bus.answer)
-            self._state.face_page.set("")
-            self._state.face.update(served=False, pages=0)
+        if self._page.dismiss():
+            self._reset_page()
+
+    def _reset_page(self) -> None:
+        self._state.face_page.set("")
+        self._state.face.update(served=False, pages=0)
+
+    def _show_on_page(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
+        """Show a drawing or an image (JPEG or BGR) on the pages, unless a newer one follows before it is delivered."""
+        self._newest_for_page = contents
+        if self._page.child is not None and not self._delivering:
+            self._delivering = True
+            self._asyncio.submit(self._deliver())
+
+    async def _deliver(self) -> None:
+        while self._newest_for_page is not None:
+            contents, self._newest_for_page = self._newest_for_page, None
+            await asyncio.to_thread(self._send_to_page, contents)
+        self._delivering = False
+
+    def _send_to_page(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
+        from caris_desktop.conversation.face.page import drawn
+
+        if isinstance(contents, np.ndarray):
+            contents = jpeg_of(contents, quality=75, most_px=_PICTURE_PX)
+        if (child := self._page.child) is not None:
+            child.send_raw_waiting(pickle.dumps(contents if isinstance(contents, bytes) else drawn(contents)))
 
     # Animation
 
@@ -348,8 +361,7 @@ class FaceService(ContextService):
         if image_bgr is not None:
             self._contents = None
             self._state.face_drawing.reset_value(image_bgr)
-            if self._page is not None:
-                self._page.show(image_bgr)
+            self._show_on_page(image_bgr)
 
     def _move(self) -> None:
         """Start animating."""
@@ -370,7 +382,7 @@ class FaceService(ContextService):
         expression = motion.at(now_ns)
         self._show(drawing_of(face, expression, caption=self._caption if self._captions else ""))
         if motion.still:
-            blink_ns = motion.next_blink_ns()
+            blink_ns = motion.next_blink_ns
             if blink_ns is None:
                 self._drawing.stop()
             else:
@@ -382,55 +394,7 @@ class FaceService(ContextService):
         if contents != self._contents:
             self._contents = contents
             self._state.face_drawing.reset_value(contents)
-            if self._page is not None:
-                self._page.show(contents)
-
-
-class FacePageProcess:
-    """Child process that serves the face page. Pages show the newest of ``show``; intermediate values
-    may be skipped.
-    """
-
-    def __init__(
-        self,
-        network: bool,
-        asyncio_thread: AsyncioThread,
-        *,
-        on_message: Callable[[Any, bytes], None],
-        on_exit: Callable[[int | None], None],
-    ) -> None:
-        from caris_desktop.conversation.face.page import run_face_page
-
-        self._asyncio = asyncio_thread
-        body = ProcessSpec("face page", run_face_page, (network,))
-        self._child = ChildProcess(body, on_message=on_message, on_exit=on_exit)
-        self._newest: Drawing | bytes | NDArray[np.uint8] | None = None
-        self._delivering = False
-        self._child.start()
-
-    def show(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
-        """Show a drawing or an image (JPEG or BGR)."""
-        self._newest = contents
-        if not self._delivering:
-            self._delivering = True
-            self._asyncio.submit(self._deliver())
-
-    def stop(self) -> None:
-        """End the process and wait for it."""
-        self._child.stop(grace_s=_PAGE_ENDS_WITHIN_S)
-
-    async def _deliver(self) -> None:
-        while self._newest is not None:
-            contents, self._newest = self._newest, None
-            await asyncio.to_thread(self._send, contents)
-        self._delivering = False
-
-    def _send(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
-        from caris_desktop.conversation.face.page import drawn
-
-        if isinstance(contents, np.ndarray):
-            contents = jpeg_of(contents, quality=75, most_px=_PICTURE_PX)
-        self._child.send_raw_waiting(pickle.dumps(contents if isinstance(contents, bytes) else drawn(contents)))
+            self._show_on_page(contents)
 
 
 def _voice_of(played: PlayedSound) -> SpokenLoudness:

@@ -111,7 +111,7 @@ class PerceptionWorker(QObject):
         self._turns_lock = threading.Lock()
         self._turns = CameraRotation()
         self._detection_rates = DetectionRate()
-        self._child: ChildProcess | None = None
+        self.child: ChildProcess | None = None
         self.restarts = Restarts()
         self._status = PerceptionStatus()
         self._pace_reported_ns = 0
@@ -135,11 +135,6 @@ class PerceptionWorker(QObject):
     def name(self) -> str:
         """Name of the inference process."""
         return self._body.name
-
-    @property
-    def child(self) -> ChildProcess | None:
-        """Inference process, None if not running."""
-        return self._child
 
     def use_body(self, body: ProcessSpec) -> None:
         """Restart inference with another detector or on another machine."""
@@ -244,7 +239,7 @@ class PerceptionWorker(QObject):
             self._publish_all(self._presence.tick(clock.now_ns()))
             if self._busy and clock.now_ns() - self._requested_ns > _ANSWER_WITHIN_NS:
                 self._busy = False
-            child = self._child
+            child = self.child
             if child is not None and self._watch.overdue:
                 child.kill()
             rested = clock.now_ns() - self._requested_ns >= self._detection_interval_ns
@@ -254,8 +249,8 @@ class PerceptionWorker(QObject):
                     self._pending = self._turns.pop(now_ns=self._requested_ns)
                 self._busy = self._pending is not None and child.send(self._detection_request(self._pending))
             self._show_persons(self._presence)
-        if self._child is not None:
-            self._child.stop(grace_s=2.0)
+        if self.child is not None:
+            self.child.stop(grace_s=2.0)
         self._presence.close()
 
     def _open(self) -> None:
@@ -273,8 +268,8 @@ class PerceptionWorker(QObject):
 
     def _replace_child(self) -> None:
         self._ready, self._busy, self._pending = False, False, None
-        if self._child is not None:
-            self._child.stop(grace_s=2.0)
+        if self.child is not None:
+            self.child.stop(grace_s=2.0)
         self._restart_tracks()
         self._start_child()
 
@@ -352,18 +347,18 @@ class PerceptionWorker(QObject):
         self._report_pace(found.inference_ms)
 
     def _on_child_ended(self, child: ChildProcess) -> None:
-        if child is not self._child:
+        if child is not self.child:
             return
         self._ready = self._busy = False
         child.stop(grace_s=0.0)
         self._restart_tracks()
-        self._child = None
+        self.child = None
         if (plugin := self._watch.called) is None:
             self.restarts.after_end(self._report_ended, self._start_child)
         else:
             self._switch_off(plugin, self._watch.blame)
             self._start_child()
-        if self._child is None:
+        if self.child is None:
             detail = QT_TR_NOOP("Stopped unexpectedly too often")
             self._set_status(PerceptionStatus(state="failed", detail=detail))
 
@@ -414,7 +409,7 @@ class PerceptionWorker(QObject):
             on_exit=lambda _code: self._inputs.put(partial(self._on_child_ended, child)),
         )
         child.start()
-        self._child = child
+        self.child = child
 
     def _locate(self, people: People, presence: PresenceTracker) -> None:
         camera = self._cameras.get(people.camera)

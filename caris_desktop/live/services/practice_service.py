@@ -137,7 +137,7 @@ class Practice:
     def __init__(self, now_s: float) -> None:
         self.began_s = now_s
         self.ended: list[EndedStep] = []
-        self._since_s = now_s
+        self.since_s = now_s
         self._moving = self._moved = self._lost = self._latched = False
         self._driven_m = 0.0
         self._at: tuple[float, float] | None = None
@@ -164,10 +164,6 @@ class Practice:
     def now(self) -> PracticeStep | None:
         """Current step; None after the last."""
         return STEPS[len(self.ended)] if len(self.ended) < len(STEPS) else None
-
-    @property
-    def since_s(self) -> float:
-        return self._since_s
 
     @property
     def done(self) -> int:
@@ -202,9 +198,9 @@ class Practice:
         return None if self.now is None else self._end(self.now, now_s, done=False)
 
     def _end(self, step: PracticeStep, now_s: float, *, done: bool) -> EndedStep:
-        ended = EndedStep(step, done, now_s - self._since_s)
+        ended = EndedStep(step, done, now_s - self.since_s)
         self.ended.append(ended)
-        self._since_s = now_s
+        self.since_s = now_s
         self._lost = self._latched = False
         self._driven_m = 0.0
         return ended

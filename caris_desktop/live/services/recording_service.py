@@ -119,12 +119,6 @@ class RecorderFeed:
                 if not self._open_turns:
                     self._send_stop()
 
-    def start(self, message: Any, *events: Any) -> None:
-        """Begin a recording: ``message`` first, then the latched values, then everything queued."""
-        with self._changed:
-            self.hold(*events)
-            self.begin(message)
-
     @property
     def records(self) -> bool:
         """Whether a recording is running, possibly paused."""
@@ -301,7 +295,8 @@ class RecordingService(ContextService):
         self._state.persons.changed.connect(self._on_persons_changed)
         self._recorder = self._new_recorder()
         self._feed = RecorderFeed(self._recorder)
-        self._folder: Path | None = None
+        self.session_folder: Path | None = None
+        """Folder of the current session, or of the last one."""
         self._making_folder = False
         self._video = self._audio = False
         self._markers_offered = OfferMarkers(False)
@@ -319,11 +314,6 @@ class RecordingService(ContextService):
             self._children.call_in_gui(self.on_report, value)
         else:
             self._bus.publish_recorded(value)
-
-    @property
-    def session_folder(self) -> Path | None:
-        """Folder of the current session, or of the last one."""
-        return self._folder
 
     @property
     def idle(self) -> bool:
@@ -377,7 +367,7 @@ class RecordingService(ContextService):
                 "error", tr("The recorder failed too often."), tr("Nothing is recorded."), tr("Restart the program.")
             )
             return False
-        self._folder = None
+        self.session_folder = None
         self._audio = self._scenario.permissions.audio_recording
         now_ns = clock.now_ns()
         self._state.recording.update(state="starting", folder=None, started_ns=now_ns, detail="")
@@ -408,7 +398,7 @@ class RecordingService(ContextService):
         self._making_folder = False
         if self._scenario is None or not self._feed.holds:
             return  # the recorder failed too often meanwhile
-        self._folder = folder
+        self.session_folder = folder
         permissions, recording = self._scenario.permissions, self._scenario.recording
         # No video before: frames would have left the ring. A session that ended meanwhile has what came until then.
         self._video = permissions.video_recording and self._state.recording.value.state == "starting"

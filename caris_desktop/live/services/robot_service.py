@@ -116,7 +116,7 @@ class RobotService(ContextService):
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
         self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
-        self._connection: RobotConnection | None = None
+        self.connection: RobotConnection | None = None
         self._chosen_by: Actor = WIZARD
         self._links: dict[str, ChildProcess] = {}
         self._scenario_controls: tuple[RobotControl, ...] = ()
@@ -128,10 +128,6 @@ class RobotService(ContextService):
         self._closed = False
         # Unlimited: a session needs its robot, which may stand where nobody can reach it.
         self._restarts = {name: Restarts(at_most=math.inf) for name in ("control", "media")}
-
-    @property
-    def connection(self) -> RobotConnection | None:
-        return self._connection
 
     @property
     def links(self) -> dict[str, ChildProcess]:
@@ -173,7 +169,7 @@ class RobotService(ContextService):
 
     def state_events(self) -> list[Event]:
         """Initial events of a recording about this robot."""
-        return [] if self._connection is None else [self._chosen(self._connection)]
+        return [] if self.connection is None else [self._chosen(self.connection)]
 
     # Links
 
@@ -183,7 +179,7 @@ class RobotService(ContextService):
             return
         self.leave_for(connection)()
         self._left = False
-        self._connection = connection
+        self.connection = connection
         self._chosen_by = actor
         profile = self._profile(connection)
         if profile != self._state.robot.value:
@@ -198,9 +194,9 @@ class RobotService(ContextService):
 
     def leave_for_one_that_starts(self) -> Callable[[], None] | None:
         """Like ``leave_for``, while another robot's program starts: an unresponsive robot is given up."""
-        if self._connection is None or self._state.link.value.state == "connected":
+        if self.connection is None or self._state.link.value.state == "connected":
             return None
-        return self.leave_for(self._connection, starts=True)
+        return self.leave_for(self.connection, starts=True)
 
     def leave_for(self, connection: RobotConnection, *, starts: bool = False) -> Callable[[], None]:
         """End the links to the current robot in favour of ``connection``, leaving it stopped.
@@ -247,7 +243,7 @@ class RobotService(ContextService):
                 return
 
     def _on_settled(self, requested: RobotConnection, settled: RobotConnection) -> None:
-        if self._connection is requested and not (self._left or self._closed):
+        if self.connection is requested and not (self._left or self._closed):
             self.connect_robot(settled, self._chosen_by)
 
     def stop(self) -> None:
@@ -278,7 +274,7 @@ class RobotService(ContextService):
         if self._closed or self._links.get(name) is not child:
             return  # replaced while its exit was being reported
         del self._links[name]
-        address = self._connection.address if self._connection is not None else ""
+        address = self.connection.address if self.connection is not None else ""
         goal = self._state.goal.value
         if name == "control" and goal is not None and goal.state in ("requested", "active"):
             # Nothing else reports its end.
@@ -309,7 +305,7 @@ class RobotService(ContextService):
         )
 
     def _start_link(self, name: str, *, follows_crash: bool = False) -> None:
-        connection = self._connection
+        connection = self.connection
         if connection is None:
             return
         if name == "control":
@@ -342,7 +338,7 @@ class RobotService(ContextService):
 
     def _use_cameras(self, cameras: CameraSelection) -> None:
         self._cameras = cameras
-        connection = self._connection
+        connection = self.connection
         if connection is None or self._profile(connection) == self._state.robot.value:
             return
         before = self._state.robot.value.cameras
@@ -414,7 +410,7 @@ class RobotService(ContextService):
 
     def _report_timeout(self) -> None:
         """Warn once per robot: if its rosbridge dies, a base without a command timeout cannot be stopped."""
-        connection = self._connection
+        connection = self.connection
         if connection is None or connection.profile.stops_by_itself:
             return
         if self._reported_no_timeout_of != connection.address and self._driving_permitted:
@@ -526,10 +522,10 @@ class RobotService(ContextService):
         )
 
     def _show_controls(self) -> None:
-        robot_controls = self._connection.profile.controls if self._connection is not None else ()
+        robot_controls = self.connection.profile.controls if self.connection is not None else ()
         names = {control.id for control in self._scenario_controls}
         # A scenario may redefine a control of the profile.
-        robot = interface_names(self._connection.profile) if self._connection is not None else NO_NAMES
+        robot = interface_names(self.connection.profile) if self.connection is not None else NO_NAMES
         every = [
             decided(control, robot)
             for control in (*(one for one in robot_controls if one.id not in names), *self._scenario_controls)

@@ -446,33 +446,24 @@ class ScenarioWatch(QObject):
         self._path, self._known, self._checksum_seen = path, sha256, ""
 
     def check_contents(self) -> None:
-        """Check the contents now."""
-        path = self._path
-        if path is None:
-            return
-
-        def on_checked(sha256: str) -> None:
-            if path == self._path:
-                self._on_checked(path, sha256)
-
-        self._slow_work.do(lambda: _checksum(path), on_checked, lambda _failure: None)
+        """Check the contents now, even if the file looks the same."""
+        self._touched = None
+        self._asking = False
+        self._ask()
 
     def _ask(self) -> None:
-        path = self._path
+        path, before = self._path, self._touched
         if path is None or self._asking:
             return  # an unresponsive disk is queried once
         self._asking = True
 
-        def on_answer(touched: Touched | None) -> None:
+        def on_answer(found: tuple[Touched | None, str]) -> None:
             self._asking = False
-            if path == self._path and touched != self._touched:
-                self._touched = touched
-                self._rest.start()
+            if path == self._path and found[0] != before:
+                self._touched = found[0]
+                self._on_checked(path, found[1])
 
-        def failed(_failure: UserFacingError) -> None:
-            self._asking = False
-
-        self._slow_work.do(lambda: _touched(path), on_answer, failed)
+        self._slow_work.do(lambda: _read(path, before), on_answer, lambda _failure: None)
 
     def _on_checked(self, path: Path, sha256: str) -> None:
         if sha256 in ("", self._known):
@@ -486,18 +477,11 @@ class ScenarioWatch(QObject):
             self._changed(path)
 
 
-def _touched(path: Path) -> Touched | None:
-    """File metadata; None if the file is missing."""
+def _read(path: Path, before: Touched | None) -> tuple[Touched | None, str]:
+    """File metadata, and the checksum if it differs from ``before``; None and empty if the file is missing."""
     try:
         found = path.stat()
+        touched = found.st_mtime_ns, found.st_size, found.st_ino
+        return touched, "" if touched == before else hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
-
-
-def _checksum(path: Path) -> str:
-    """Checksum; empty if the file is missing."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
+        return None, ""

@@ -37,7 +37,7 @@ from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import new_timer
-from caris_desktop.live.model_client import Asking, ModelClient
+from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.assistant_service import describe_person
 from caris_desktop.live.services.speaking_service import current_place
@@ -60,7 +60,7 @@ class ProposalsService(ContextService):
         self._model = model
         self._do = do
         self._scenario: Scenario | None = None
-        self._asking: Asking | None = None
+        self._asking = ""
         self._proposals = Proposals(self._bus.publish, lambda: f"a-{secrets.token_hex(4)}")
         self._timer = new_timer(self, self._on_time, single_shot=True, precise=True)
         self._state.levels.changed.connect(self._on_levels_changed)
@@ -104,7 +104,7 @@ class ProposalsService(ContextService):
                 on_end=lambda exchange: self._on_answer(begun, offer, exchange),
             )
         except UserFacingError:
-            self._asking = None  # a missing model is reported with the replies
+            self._asking = ""  # a missing model is reported with the replies
 
     def drop(self, reason: str) -> None:
         """Drop proposals whose subject is over."""
@@ -124,14 +124,13 @@ class ProposalsService(ContextService):
         )
 
     def _cancel(self, reason: str) -> None:
-        asking, self._asking = self._asking, None
-        if asking is not None:
-            asking.cancel(reason)
+        asking, self._asking = self._asking, ""
+        self._model.cancel(asking, reason)
 
     def _on_answer(self, begun: Round, offer: proposable_actions.Offer, exchange: LlmExchange) -> None:
-        if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
+        if self._asking != exchange.exchange_id:
             return  # no longer needed
-        self._asking = None
+        self._asking = ""
         if exchange.outcome != "answered":
             return
         now_ns = clock.now_ns()
@@ -228,7 +227,7 @@ class SuggestionsService(ContextService):
         self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
         self._filler = FillerWait()
         self._request: _Request | None = None
-        self._asking: Asking | None = None
+        self._asking = ""
         self._read, self._written = 0, ""
         self._read_ahead_of = ""
         self._detail = ""
@@ -350,9 +349,8 @@ class SuggestionsService(ContextService):
 
     def drop(self, reason: str) -> None:
         """Callback of the rounds: these replies are no longer needed."""
-        asking, self._asking = self._asking, None
-        if asking is not None:
-            asking.cancel(reason)
+        asking, self._asking = self._asking, ""
+        self._model.cancel(asking, reason)
 
     def on_suggestion(self, event: SuggestionChanged) -> None:
         """Callback of the rounds: a reply was shown, or its outcome is known."""
@@ -418,11 +416,11 @@ class SuggestionsService(ContextService):
         self._show()
 
     def _on_end(self, request: _Request, exchange: LlmExchange) -> None:
-        if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
+        if self._asking != exchange.exchange_id:
             return  # this event reports its own cancellation
         if exchange.outcome == "answered" and not self._goes_on(exchange.answer):
             return
-        self._asking = None
+        self._asking = ""
         if exchange.outcome == "answered":
             # A server that ignores the schema writes one reply per line.
             self._offer(request.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
@@ -436,7 +434,7 @@ class SuggestionsService(ContextService):
         self._show()
 
     def _ask_again(self, request: _Request) -> None:
-        if self._request is request and self._rounds.round is not None and self._asking is None:
+        if self._request is request and self._rounds.round is not None and not self._asking:
             self.ask(request.begun)
             self._show()
 
@@ -579,7 +577,7 @@ class SuggestionsService(ContextService):
     def _progress(self, cards: Sequence[DisplayedReply]) -> Literal["asking", "shown", "failed", "idle"]:
         if cards:
             return "shown"
-        if self._asking is not None:
+        if self._asking:
             return "asking"
         return "failed" if self._detail else "idle"
 

@@ -13,7 +13,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -316,10 +316,9 @@ def _recall(path: Path) -> MeasuredChoice | None:
 
 
 def _remember(path: Path, choice: MeasuredChoice) -> None:
-    stored = {"runtime": choice.runtime, "ms": choice.ms, "why_not": choice.why_not}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, json.dumps(stored, indent=1).encode(), durable=False)
+        replace_file(path, json.dumps(asdict(choice), indent=1).encode(), durable=False)
     except OSError as error:
         log.info("what was measured is not kept: %s", error)
 

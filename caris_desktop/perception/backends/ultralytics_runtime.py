@@ -223,7 +223,7 @@ def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
 
     Raises
     ------
-    ExportError
+    ModelExportError
         Whatever the reason; also for a full disk.
     """
     prepare_ultralytics(threads=threads)

@@ -10,6 +10,7 @@ import contextlib
 import fractions
 import functools
 import hmac
+import http
 import json
 import logging
 import secrets
@@ -135,6 +136,8 @@ PIECE = 960
 """Samples of one packet, 20 ms."""
 _MOST_PIECES = 10
 Take = Callable[[NDArray[np.int16]], None]
+_Pieces = asyncio.Queue[tuple[int, NDArray[np.int16]]]
+"""Numbered chunks for one client."""
 
 
 class LocalSound:
@@ -174,7 +177,8 @@ class ServedSound:
 
     def __init__(self, source: LocalSound) -> None:
         self._source = source
-        self._listeners: set[_Listener] = set()
+        self._number = 0
+        self._listeners: set[_Pieces] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def track(self) -> Any:
@@ -182,13 +186,13 @@ class ServedSound:
         self._loop = asyncio.get_running_loop()
         if not self._listeners:
             self._source.begin(self._take)
-        listener = _Listener()
-        self._listeners.add(listener)
-        return _audio_track(listener, lambda: self._leave(listener))
+        pieces: _Pieces = asyncio.Queue(_MOST_PIECES)
+        self._listeners.add(pieces)
+        return _audio_track(pieces, lambda: self._leave(pieces))
 
-    def _leave(self, listener: "_Listener") -> None:
-        if listener in self._listeners:
-            self._listeners.discard(listener)
+    def _leave(self, pieces: _Pieces) -> None:
+        if pieces in self._listeners:
+            self._listeners.discard(pieces)
             if not self._listeners:
                 self._source.end()
 
@@ -198,31 +202,14 @@ class ServedSound:
                 self._loop.call_soon_threadsafe(self._give, samples)
 
     def _give(self, samples: NDArray[np.int16]) -> None:
-        for listener in self._listeners:
-            listener.add(samples)
-
-
-class _Listener:
-    """Numbered chunks for one client; the oldest are dropped if it is slow."""
-
-    def __init__(self) -> None:
-        self._number = 0
-        self._pieces: deque[tuple[int, NDArray[np.int16]]] = deque(maxlen=_MOST_PIECES)
-        self._came = asyncio.Event()
-
-    def add(self, samples: NDArray[np.int16]) -> None:
-        self._pieces.append((self._number, samples))
         self._number += 1
-        self._came.set()
-
-    async def next(self) -> tuple[int, NDArray[np.int16]]:
-        while not self._pieces:
-            self._came.clear()
-            await self._came.wait()
-        return self._pieces.popleft()
+        for pieces in self._listeners:
+            if pieces.full():
+                pieces.get_nowait()  # the client is slow
+            pieces.put_nowait((self._number, samples))
 
 
-def _audio_track(listener: _Listener, ended: Callable[[], None]) -> Any:
+def _audio_track(pieces: _Pieces, ended: Callable[[], None]) -> Any:
     import aiortc
     import av
 
@@ -232,7 +219,7 @@ def _audio_track(listener: _Listener, ended: Callable[[], None]) -> Any:
         kind = "audio"
 
         async def recv(self) -> Any:
-            number, samples = await listener.next()
+            number, samples = await pieces.get()
             frame = av.AudioFrame.from_ndarray(samples[None, :], format="s16", layout="mono")
             frame.sample_rate = RATE_HZ
             frame.pts = number * PIECE
@@ -255,9 +242,6 @@ _STALLED_S = 10.0
 # What the system buffers for a slow client is shown late there.
 _SEND_BUFFER_BYTES = 131_072
 _BOUNDARY = "frame"
-_REASONS = {200: "OK", 201: "Created", 204: "No Content", 400: "Bad Request", 401: "Unauthorized", 403: "Forbidden",
-            404: "Not Found", 405: "Method Not Allowed", 415: "Unsupported Media Type", 501: "Not Implemented",
-            503: "Service Unavailable"}  # fmt: skip
 MOST_WEBRTC_CONNECTIONS = 4
 """Each encodes for itself, which costs the small computer on a robot about half a core."""
 CLOCK_RATE_HZ = 90_000
@@ -278,8 +262,7 @@ class WebRtcServer:
     def __init__(self, frames: NewestFrame, sound: ServedSound | None = None) -> None:
         self._frames = frames
         self._sound = sound
-        self._connections: dict[str, Any] = {}
-        self._stamps: dict[str, deque[int]] = {}
+        self._connections: dict[str, tuple[Any, deque[int]]] = {}
 
     async def connect(self, offer_sdp: str) -> tuple[str, str]:
         """Accept an offer; return the key of the connection and the answer.
@@ -296,7 +279,7 @@ class WebRtcServer:
         connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         key = secrets.token_urlsafe(12)
         stamps: deque[int] = deque(maxlen=_MAX_STAMPS)
-        self._connections[key], self._stamps[key] = connection, stamps
+        self._connections[key] = connection, stamps
 
         async def on_state_change() -> None:
             if connection.connectionState in ("failed", "closed"):
@@ -320,13 +303,11 @@ class WebRtcServer:
 
     def stamps(self, key: str) -> list[int] | None:
         """Capture times of the connection's recent frames, in ticks of its frame clock."""
-        stamps = self._stamps.get(key)
-        return None if stamps is None else list(stamps)
+        return list(self._connections[key][1]) if key in self._connections else None
 
     async def end(self, key: str) -> bool:
         """Close a connection; False if there was none."""
-        connection = self._connections.pop(key, None)
-        self._stamps.pop(key, None)
+        connection, _stamps = self._connections.pop(key, (None, None))
         if connection is not None:
             for sender in connection.getSenders():
                 if sender.track is not None:
@@ -572,6 +553,8 @@ async def _send(writer: asyncio.StreamWriter, answer: _Answer) -> None:
     head = {"Content-Type": answer.content_type, "Content-Length": str(len(answer.content)),
             "Cache-Control": "no-store", **answer.head}  # fmt: skip
     lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
-    writer.write(f"HTTP/1.1 {answer.status} {_REASONS[answer.status]}\r\n{lines}\r\n".encode() + answer.content)
+    writer.write(
+        f"HTTP/1.1 {answer.status} {http.HTTPStatus(answer.status).phrase}\r\n{lines}\r\n".encode() + answer.content
+    )
     async with asyncio.timeout(_STALLED_S):
         await writer.drain()

@@ -18,8 +18,8 @@ from caris_desktop.domain.value_class import Value
 
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0
-SOUND_RATE_HZ = 16_000
 """A camera that sends nothing for so long is lost."""
+SOUND_RATE_HZ = 16_000
 _DRIVER_WITHIN_NS = 1_000_000_000
 _DRIVER_UNCERTAINTY_NS = 2_000_000
 DEVICE_SIZE_PX = (1280, 720)

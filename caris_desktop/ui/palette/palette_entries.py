@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QLocale
 
@@ -14,7 +14,7 @@ from caris_desktop.domain.control_definitions import ControlValue, RobotControl
 from caris_desktop.domain.events import AssistanceLevel
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr, tr_filled
-from caris_desktop.live.wizard_console import ReplayControls, WizardConsole
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.studies.study_query import SessionEntry
 from caris_desktop.scenario.phrases import phrase_groups
@@ -47,6 +47,9 @@ from caris_desktop.ui.text_formatting import UNDER_WAY, local_time, question_for
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words
 from caris_desktop.ui.window_menus import THEME_WORDS, AppContext
+
+if TYPE_CHECKING:  # imported at first use
+    from caris_desktop.live.replay_console import ReplayConsole
 
 _DO, _SAY, _WINDOW, _PANEL = QT_TR_NOOP("Do"), QT_TR_NOOP("Say"), QT_TR_NOOP("Window"), QT_TR_NOOP("Panel")
 _SCENARIO, _ROBOT, _CONTROL = QT_TR_NOOP("Scenario"), QT_TR_NOOP("Robot"), QT_TR_NOOP("Control")
@@ -92,7 +95,7 @@ class PaletteEntries:
         self._question = question
         self._show_connection = show_connection
 
-    def of_replay(self, replay: ReplayControls) -> list[PaletteItem]:
+    def of_replay(self, replay: "ReplayConsole") -> list[PaletteItem]:
         """Items of a replay: no speech, and the stop only if robots are being driven."""
         left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]

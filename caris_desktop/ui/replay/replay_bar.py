@@ -24,8 +24,8 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QFrame, QLabel, QSizePolicy, QSlider, QStyle, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
+from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import PlaybackStatus
-from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import layouts, text_formatting
@@ -61,7 +61,7 @@ class ReplayBar(QWidget):
 
     accessible_role = QAccessible.Role.Grouping
 
-    def __init__(self, theme: Theme, replay: ReplayControls, actions: Actions) -> None:
+    def __init__(self, theme: Theme, replay: ReplayConsole, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("replay_bar")
         self.setAccessibleName(tr("Replay"))
@@ -264,7 +264,7 @@ class Thumbnails(QObject):
 
     made = Signal()
 
-    def __init__(self, replay: ReplayControls, parent: QObject) -> None:
+    def __init__(self, replay: ReplayConsole, parent: QObject) -> None:
         super().__init__(parent)
         self._replay = replay
         self._cache: OrderedDict[tuple[str, int], QImage] = OrderedDict()

@@ -7,8 +7,8 @@ from PySide6.QtGui import QAccessible, QKeyEvent
 from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
+from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import PlaybackStatus
-from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, VocabularyEntry
 from caris_desktop.ui import layouts
@@ -41,7 +41,7 @@ class TimelineCommands(QObject):
     timeline_requested = Signal()  # open the drawer
     open_changed = Signal()  # a label was begun or ended
 
-    def __init__(self, theme: Theme, replay: ReplayControls, canvas: TimelineCanvas, view: QWidget) -> None:
+    def __init__(self, theme: Theme, replay: ReplayConsole, canvas: TimelineCanvas, view: QWidget) -> None:
         super().__init__(view)
         self._theme = theme
         self._replay = replay

@@ -21,9 +21,9 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
+from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
-from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_editing import coders_of
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary
@@ -78,7 +78,7 @@ class TimelineView(QWidget):
 
     open_requested = Signal(bool)
 
-    def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
+    def __init__(self, theme: Theme, replay: ReplayConsole, state: LiveState, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("timeline_view")
         self.setAccessibleName(tr("Timeline of the session"))
@@ -634,7 +634,7 @@ DRAWER_BELOW_PX = _LEAST_PANELS_PX + 8 + LOW_PX
 class ReplayWidgets(QObject):
     """Timeline and replay bar with their keys; ``arrange`` places them in the window."""
 
-    def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
+    def __init__(self, theme: Theme, replay: ReplayConsole, state: LiveState, actions: Actions) -> None:
         super().__init__()
         self.timeline = TimelineView(theme, replay, state, actions)
         self.timeline.open_requested.connect(self._open_timeline)

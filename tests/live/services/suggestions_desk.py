@@ -79,11 +79,16 @@ class FakeModel(QObject):
         if messages():
             self.warm_up(messages(), purpose)
 
-    def ask(self, messages: Any, **told: Any) -> Question:
+    def ask(self, messages: Any, **told: Any) -> str:
         if not self.there:
             raise UserFacingError("The assistant cannot answer now.", "No question was sent.", "It is starting.")
         self.asked.append(Question(messages, told, f"x-{len(self.asked)}"))
-        return self.asked[-1]
+        return self.asked[-1].exchange_id
+
+    def cancel(self, exchange_id: str, reason: str) -> None:
+        for question in self.asked:
+            if question.exchange_id == exchange_id:
+                question.cancel(reason)
 
     def of(self, purpose: str) -> list[Question]:
         return [question for question in self.asked if question.told["purpose"] == purpose]

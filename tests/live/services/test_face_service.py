@@ -26,6 +26,7 @@ from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing, PlayedSound
 from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
@@ -48,8 +49,10 @@ class Bench:
         self.bus = Bus(self.state, self.owner)
         self.slow_work = BackgroundWorker(self.owner)
         self.asyncio = AsyncioThread()
+        self.children = ProcessManager(self.bus, self.owner)
         self.service = FaceService(
-            context_of(self.state, self.bus, self.owner, slow_work=self.slow_work), self.asyncio, frames=Frames(),
+            context_of(self.state, self.bus, self.owner, children=self.children, slow_work=self.slow_work),
+            self.asyncio, frames=Frames(),
             load=lambda name: load_face(name, folder), save=lambda face: save_face(face, folder),
         )  # fmt: skip
         self.bus.follow(self.service.follows())
@@ -81,6 +84,7 @@ class Bench:
         self.service.stop()
         self.slow_work.finish(lambda _what, work: work())
         self.service.end()
+        self.children.end()
         self.asyncio.stop()
         self.state.close()
 
@@ -234,11 +238,9 @@ def test_a_face_that_moves_fast_ends_as_the_newest(bench: Bench) -> None:
     """The page's process gets the updates in order, and always the last one."""
     bench.do(intents.ServeFace(on=True))
     address = bench.until(lambda: bench.state.face_page.value)
-    page = bench.service._page
-    assert page is not None
     for number in range(300):
-        page.show(f"picture {number}".encode())
-    page.show(b"the last")
+        bench.service._show_on_page(f"picture {number}".encode())
+    bench.service._show_on_page(b"the last")
 
     async def seen() -> bytes | str:
         async with asyncio.timeout(20), connect(f"{address.replace('http', 'ws')}face") as socket:

@@ -17,7 +17,7 @@ from caris_desktop.domain.sensing import People as PeopleSeen
 from caris_desktop.domain.sound_values import MICROPHONE, Hearing
 from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.model_client import Asking, ModelClient, Purpose
+from caris_desktop.live.model_client import ModelClient, Purpose
 from caris_desktop.live.services.load_shedding_service import (
     POLL_EVERY_MS,
     STEPS,
@@ -187,7 +187,7 @@ class Governed:
             now_ns=lambda: self.now_ns,
         )  # fmt: skip
 
-    def ask(self, purpose: Purpose) -> Asking:
+    def ask(self, purpose: Purpose) -> str:
         return self.models.ask(
             [ChatMessage("user", "Where?")], purpose=purpose, max_tokens=9, temperature=0.0,
             on_text=lambda _: None, on_end=lambda _: None,
@@ -286,9 +286,9 @@ def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
         first, second = governed.ask(purpose), governed.ask(purpose)
         assert governed.people.every_s == every_s
         assert governed.state.load.value == LoadStatus(), "the machine keeps up all the same"
-        first.cancel()
+        governed.models.cancel(first, "")
         assert governed.people.every_s == every_s, "another one is still waited for"
-        second.cancel()
+        governed.models.cancel(second, "")
         assert governed.people.every_s == 0.0
 
 
@@ -332,4 +332,4 @@ def test_with_blurring_an_answer_does_not_reduce_their_embeddings(
     governed.models.use(EMBEDDED, display_name="Small", local_only=True)
     asking = governed.ask("replies")
     assert governed.people.every_s == 0.0
-    asking.cancel()
+    governed.models.cancel(asking, "")

@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState, StatusTap
+from caris_desktop.live.state import LiveState, tap_status
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, TakePhoto, UseConsents
 from caris_desktop.scenario.scenario_model import BlurSettings
@@ -126,7 +125,7 @@ def test_without_a_recording_the_recorder_hears_of_people_only_where_a_photo_has
 
 
 @pytest.fixture
-def details(bench: Bench) -> Iterator[list[str]]:
+def details(bench: Bench) -> list[str]:
     """Reasons for missing recordings, as written in a file."""
     kept: list[str] = []
 
@@ -134,9 +133,8 @@ def details(bench: Bench) -> Iterator[list[str]]:
         if shown.name == "recording":
             kept.append(json.loads(json.dumps(shown.content))["detail"])
 
-    tap = StatusTap(bench.state, record)
-    yield kept
-    tap.deleteLater()
+    tap_status(bench.state, record)
+    return kept
 
 
 @pytest.mark.usefixtures("trial_language")

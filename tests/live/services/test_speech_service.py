@@ -81,7 +81,8 @@ class Bench:
         self.recorder = Recorder()
         self.feed = RecorderFeed(self.recorder)  # type: ignore[arg-type]
         self.bus.tap(self.feed.put)
-        self.feed.start("begin")
+        self.feed.hold()
+        self.feed.begin("begin")
         self.children = ProcessManager(self.bus, self.owner)
         self.speech = SpeechService(
             context_of(self.state, self.bus, self.owner, children=self.children),
