@@ -23,7 +23,7 @@ from PySide6.QtGui import (
     QPixmap,
     QPixmapCache,
 )
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
@@ -115,12 +115,6 @@ class Theme(QObject):
 
     def color(self, role: str) -> QColor:
         return QColor(getattr(self.colors, role))
-
-    def color_text(self, widget: QWidget, role: str) -> None:
-        """Set the text colour of ``widget``; call again on ``changed``."""
-        palette = widget.palette()
-        palette.setColor(widget.foregroundRole(), self.color(role))
-        widget.setPalette(palette)
 
     def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
         """Cached font of this size and weight: looking up a typeface costs more than drawing."""
