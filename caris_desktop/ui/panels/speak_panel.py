@@ -648,8 +648,7 @@ class PhraseRows(QWidget):
         groups = phrase_groups(self._console.scenario.phrases)
         while len(self._titles) > len(groups):
             title = self._titles.pop()
-            title.hide()
-            title.deleteLater()
+            layouts.discard(title)
         for number in range(len(self._titles), len(groups)):
             self._titles.append(self._new_title(number))
         for title, group in zip(self._titles, groups, strict=True):

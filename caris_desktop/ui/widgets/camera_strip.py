@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QAbstractButton, QWidget
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.frame_view import detections_fit, fitted, paint_words
@@ -241,8 +241,7 @@ class CameraStrip(QWidget):
         """Set the cameras; the main one is left out."""
         for camera in [known for known in self._pictures if known not in cameras]:
             dropped = self._pictures.pop(camera)
-            dropped.hide()
-            dropped.deleteLater()
+            layouts.discard(dropped)
         for camera in cameras:
             if camera not in self._pictures:
                 self._pictures[camera] = picture = SmallPicture(self._theme, self._panel, camera, self)
