@@ -359,10 +359,10 @@ QLabel#replay_title {{
 QFrame#moment_bubble {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {radius}px;
 }}
-QFrame#photo_thumbnail {{
+QWidget#photo_thumbnail {{
     background: {colors.video_chip}; border: 1px solid {colors.video_line}; border-radius: {radius}px;
 }}
-QFrame#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
+QWidget#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
 QLabel#moment_picture {{ background: {colors.video_ground}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}
