@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.domain.intents import Intent, Permission
@@ -36,7 +36,16 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     show_nth_expression,
 )
-from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, modifier_name, settle, types_something
+from caris_desktop.ui.key_choices import (
+    Choices,
+    ResolvedBindings,
+    conflicts,
+    modifier_name,
+    normalized,
+    settle,
+    spellings,
+    types_something,
+)
 from caris_desktop.ui.panel_table import possible_panels
 
 logger = logging.getLogger(__name__)
@@ -301,9 +310,11 @@ class Actions(QObject):
         """The row with its default key binding, from the table or the scenario."""
         return next(spec for spec in self._standard if spec.id == action_id)
 
-    def listening_in(self, part: str) -> list[ActionSpec]:
-        """Rows whose keys this part of the window handles itself."""
-        return [spec for spec in self._specs.values() if spec.within == part]
+    def pressed_in(self, part: str, event: QKeyEvent) -> ActionSpec | None:
+        """Row of a pressed key, among those whose keys this part of the window handles itself."""
+        pressed = spellings(event)
+        rows = (spec for spec in self._specs.values() if spec.within == part)
+        return next((row for row in rows if not pressed.isdisjoint(map(normalized, row.keys))), None)
 
     def drop_all_but(self, groups: Iterable[str]) -> None:
         """Restrict rows to these groups from the next ``rebuild`` on; rows added by ``add_rows`` remain."""

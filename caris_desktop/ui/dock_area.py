@@ -84,8 +84,7 @@ class PanelTitleBar(Bar, QWidget):
         for widget in before:
             self._row.removeWidget(widget)
             if widget not in self._controls:
-                widget.hide()
-                widget.deleteLater()
+                layouts.discard(widget)
         if self._unseen is not None:
             for widget in self._controls:
                 widget.setParent(self._unseen)
@@ -495,8 +494,7 @@ class DockArea(QWidget):
         self.whole_tree, self._visible = tree, visible
         for bar in [bar for bar in self._bars if not visible.issuperset(bar.panels)]:
             self._bars.remove(bar)
-            bar.hide()
-            bar.deleteLater()
+            layouts.discard(bar)
 
     def _least(self, name: PanelName) -> tuple[int, int]:
         return self.docks[name].least()

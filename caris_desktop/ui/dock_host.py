@@ -286,8 +286,7 @@ class DockHost(DockArea):
                 if dock.parentWidget() is window.area:
                     dock.setParent(self)
                     dock.lower()
-            window.hide()
-            window.deleteLater()
+            layouts.discard(window)
         while len(self._windows) < len(floating):
             self._windows.append(self._new_window(len(self._windows)))
         if arrangement is None:

@@ -142,19 +142,15 @@ def place_next_to(
     """Canonical tree with the new ``panel`` at ``side`` of the group of ``beside``, with half of its space."""
     if side == "tab":
         return tidy(with_tab(node, beside, panel, at))
-    return tidy(with_group(node, beside, lambda group: _pair(group, PanelLeaf(panel), side, 0.5)))
+    return tidy(with_group(node, beside, lambda group: _pair(group, panel, side, 0.5)))
 
 
-def put_at_edge(node: LayoutNode, panel: PanelName, side: Side, share: float = 0.25) -> LayoutNode:
-    """Canonical tree with ``panel`` at an outer edge."""
-    return tidy(_pair(node, PanelLeaf(panel), side, share))
-
-
-def _pair(node: LayoutNode, new: LayoutNode, side: Side, share: float) -> SplitNode:
+def _pair(node: LayoutNode, panel: PanelName, side: Side, share: float) -> SplitNode:
+    """The tree with the new ``panel`` at its ``side``."""
     split: Literal["horizontal", "vertical"] = "horizontal" if side in ("left", "right") else "vertical"
     if side in ("left", "above"):
-        return SplitNode(split, (new, node), (share, 1 - share))
-    return SplitNode(split, (node, new), (1 - share, share))
+        return SplitNode(split, (PanelLeaf(panel), node), (share, 1 - share))
+    return SplitNode(split, (node, PanelLeaf(panel)), (1 - share, share))
 
 
 def with_current(node: LayoutNode, panel: PanelName) -> LayoutNode:
@@ -330,7 +326,7 @@ def move_to_edge(arrangement: DockLayout, panel: PanelName, side: Side) -> DockL
     rest = without(loose.tree, {panel})
     if rest is None or side == "tab":
         return arrangement
-    return replace(loose, tree=put_at_edge(rest, panel, side), hidden=loose.hidden - {panel})
+    return replace(loose, tree=tidy(_pair(rest, panel, side, 0.25)), hidden=loose.hidden - {panel})
 
 
 def float_panel(arrangement: DockLayout, panel: PanelName, place: QRect) -> DockLayout:

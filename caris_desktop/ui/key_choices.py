@@ -5,13 +5,14 @@ table, with a report.
 """
 
 import json
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, Literal
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence
+from PySide6.QtCore import QKeyCombination, Qt
+from PySide6.QtGui import QKeyEvent, QKeySequence
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -72,6 +73,7 @@ Column = Literal["keys", "driving_keys"]
 COLUMNS: tuple[Column, ...] = ("keys", "driving_keys")
 _ARROWS = ("Up", "Down", "Left", "Right")
 _STOPS = ("Esc", "Pause")
+_NOT_A_MODIFIER = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.GroupSwitchModifier
 _EDITS_TEXT = frozenset(f"Ctrl+{key}" for key in ("A", "C", "V", "X", "Z", "Y", "Left", "Right", "Backspace", "Del"))
 
 
@@ -111,6 +113,27 @@ def normalized(key: str) -> str:
     if not text or any(sequence[place].key() == Qt.Key.Key_unknown for place in range(sequence.count())):  # type: ignore[index]
         raise ValueError(f"no such key: {key!r}")
     return text
+
+
+def spellings(event: QKeyEvent) -> set[str]:
+    """Canonical spellings of a pressed key. Plus matches with and without Shift; digits match by position."""
+    bare = event.modifiers() & ~_NOT_A_MODIFIER
+    shift = Qt.KeyboardModifier.ShiftModifier
+    key = Qt.Key(event.key())
+    texts = {_spelled(bare, key)}
+    if bare & shift and key in (Qt.Key.Key_Plus, Qt.Key.Key_Minus, Qt.Key.Key_Equal):
+        texts.add(_spelled(bare & ~shift, key))
+    code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
+    position = position_of(sys.platform, code)
+    if position is not None and position.isdigit() and not bare & ~shift:
+        texts.add(position)
+    if key == Qt.Key.Key_Enter:
+        texts.add(_spelled(bare, Qt.Key.Key_Return))
+    return texts
+
+
+def _spelled(modifiers: Qt.KeyboardModifier, key: Qt.Key) -> str:
+    return QKeySequence(QKeyCombination(modifiers, key)).toString(QKeySequence.SequenceFormat.PortableText)
 
 
 def conflicts(specs: Iterable[ActionSpec]) -> list[tuple[str, tuple[str, ...]]]:

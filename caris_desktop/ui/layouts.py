@@ -51,11 +51,16 @@ def fill(layout: QBoxLayout, *items: Item) -> None:
 def adjust_count(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
     """Adjust the number of widgets, reusing existing ones."""
     for part in parts[count:]:
-        part.hide()
-        part.deleteLater()
+        discard(part)
     del parts[count:]
     while len(parts) < count:
         parts.append(new())
+
+
+def discard(widget: QWidget) -> None:
+    """Hide a widget now, and delete it in the next turn of the event loop."""
+    widget.hide()
+    widget.deleteLater()
 
 
 def _give_room(layout: QBoxLayout, margins_px: Margins | None, spacing_px: int | None) -> None:

@@ -395,8 +395,7 @@ class MarkCard(Popup):
         self._kinds_shown = kinds
         for *_, button in self._kind_buttons:
             self._kinds.remove(button)
-            button.hide()
-            button.deleteLater()
+            layouts.discard(button)
         self._kind_buttons.clear()
         for letter, kind in zip(ERROR_KEYS, kinds, strict=False):
             title = tr(kind.kind)

@@ -35,7 +35,7 @@ def add_switch(menu: QMenu, text: str, on: bool, use: Callable[[bool], object]) 
     action = menu.addAction(text)
     action.setCheckable(True)
     action.setChecked(on)
-    action.triggered.connect(use)
+    action.toggled.connect(use)
 
 
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)

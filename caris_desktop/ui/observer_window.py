@@ -4,7 +4,7 @@ status indicators readable from two metres.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, Literal, cast
@@ -351,9 +351,6 @@ class ObserverWindows:
     def _persist(self, sees: Sees | Literal[""]) -> None:
         if self._settings is not None:
             self._settings.setValue(_SEES_KEY, sees)
-
-    def opener(self, sees: Sees) -> Callable[[], None]:
-        return lambda: self.open(sees)
 
     def close(self) -> None:
         if self.open_window is not None:

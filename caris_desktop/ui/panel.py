@@ -18,7 +18,7 @@ from caris_desktop.scenario.scenario_model import PanelSettings, Scenario
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.theme import PixmapCache, Theme
+from caris_desktop.ui.theme import Theme, draw_cached
 
 TITLE_HEIGHT_PX = 38
 PAUSE_MS = 1
@@ -273,12 +273,10 @@ def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, activ
         painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
 
 
-def draw_card_edge(
-    painter: QPainter, theme: Theme, rect: QRectF, painted: PixmapCache, *, active: bool, whole: bool = False
-) -> None:
+def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, *, active: bool, whole: bool = False) -> None:
     """Round corners and outline of a card, or (not ``whole``) of its lower half, over content that reaches its edge.
 
-    Clipping the content would cost a hundred times as much. ``painted`` is cleared when the theme changes.
+    Clipping the content would cost a hundred times as much.
     """
     radius = float(tokens.PANEL_RADIUS_PX)
     line = theme.color("blue" if active else "line")
@@ -303,7 +301,7 @@ def draw_card_edge(
             onto.strokePath(card, QPen(line, 1))
 
         corner = ("corner", inside_x, inside_y, active)
-        painted.draw(painter, QPointF(left, top), QSizeF(radius, radius), corner, paint)
+        draw_cached(painter, QPointF(left, top), QSizeF(radius, radius), corner, paint)
 
 
 def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:

@@ -292,29 +292,18 @@ class PanelManager(QObject):
         """Fill the panel's placement menu."""
         self._docks.fill_menu(menu, name)
 
-    def opener(self, name: PanelName) -> Callable[[], None]:
-        """Slot that opens and focuses the panel."""
-        return lambda: self.open_and_focus(name)
-
-    def closer(self, name: PanelName) -> Callable[[], None]:
-        return lambda: self.close(name)
-
-    def floater(self, name: PanelName) -> Callable[[], None]:
-        """Slot that floats or docks the panel."""
-        return lambda: self._docks.toggle_floating(name)
+    def toggle_floating(self, name: PanelName) -> None:
+        """Float or dock the panel."""
+        self._docks.toggle_floating(name)
 
     def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
         """Possible changes of the panel's size in px, with their slots."""
         steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if self._docks.resized(name, by_px) is not None]
         return [(by_px, partial(self._docks.resize_panel, name, by_px)) for by_px in steps]
 
-    def toggler(self, name: PanelName) -> Callable[[bool], None]:
-        """Slot that opens or closes the panel after the menu has closed, so that size and focus can be set."""
-
-        def toggle(checked: bool) -> None:
-            QTimer.singleShot(0, self, lambda: self.open(name) if checked else self.close(name))
-
-        return toggle
+    def set_open(self, name: PanelName, opened: bool) -> None:
+        """Open or close the panel after the menu has closed, so that size and focus can be set."""
+        QTimer.singleShot(0, self, partial(self.open if opened else self.close, name))
 
     def open_and_focus(self, name: PanelName) -> None:
         self.open(name)

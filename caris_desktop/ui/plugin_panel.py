@@ -143,8 +143,7 @@ class PluginPanel(Panel):
     def _switch_off(self, reason: str) -> None:
         self._following.clear()
         if self._content is not None:
-            self._content.hide()
-            self._content.deleteLater()
+            layouts.discard(self._content)
             self._content = None
         alarm = switched_off(clock.now_ns(), self._plugin.name, self._plugin.package, reason)
         alarm = replace(alarm, meaning=QT_TR_NOOP("Its panel is empty; everything else works."))

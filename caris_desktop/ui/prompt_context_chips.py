@@ -10,7 +10,7 @@ from caris_desktop.conversation.models.embedded_models import SUFFIX
 from caris_desktop.domain.intents import CAMERA_PICTURE, AddModel, Intent, PromptPart
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ContextPartStatus
-from caris_desktop.ui import tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.form_dialog import file_dialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -77,8 +77,7 @@ class PromptContextChips(FlowRow):
             entries[f"picture {name}"] = (picture_words(name), True)
         for key in [key for key in self._chips if key not in entries]:
             chip = self._chips.pop(key)
-            chip.hide()
-            chip.deleteLater()
+            layouts.discard(chip)
         for key, (text, along) in entries.items():
             chip = self._chips.get(key) or self._new_chip(key)
             chip.setChecked(along)

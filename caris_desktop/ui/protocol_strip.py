@@ -441,8 +441,7 @@ class ProtocolStrip(Bar, QWidget):
         inline = ticks if len(ticks) <= _MOST_INLINE_TICKS else []
         if [box.text() for box in self._ticks] != [item for item, _ in inline]:
             for box in self._ticks:
-                box.hide()
-                box.deleteLater()
+                layouts.discard(box)
             self._ticks = [self._new_tick(number, item) for number, (item, _) in enumerate(inline, start=1)]
         for box, (_, on) in zip(self._ticks, inline, strict=True):
             box.setChecked(on)

@@ -378,8 +378,7 @@ class RobotDialog(FormDialog):
         for field in list(fields):
             row = self._rows.pop(field)
             self._column.removeWidget(row)
-            row.hide()
-            row.deleteLater()
+            layouts.discard(row)
 
     def _show_proposal(self, proposal: Proposal) -> None:
         self._drop_rows(self._rows)

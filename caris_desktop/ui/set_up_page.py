@@ -3,6 +3,7 @@ a dialog: the red button stays usable.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
@@ -128,7 +129,7 @@ class RobotPage(StepPage):
                 continue
             # The button of the connected robot is checked.
             button = self._buttons[choice.name] = self.button(
-                f"robot_{choice.name}", choice.title, "robot", self.robots.chooser(choice), may_shrink=True,
+                f"robot_{choice.name}", choice.title, "robot", partial(self.robots.choose, choice), may_shrink=True,
                 checkable=True, enabled=not choice.problem, toolTip=choice.problem or choice.address,
             )  # fmt: skip
             button.clicked.connect(self._show_present)

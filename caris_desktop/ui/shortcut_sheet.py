@@ -38,7 +38,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, line_edit
+from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, line_edit, restyle
 
 _KEY = "shortcuts"
 _UNREAD_KEY = "shortcuts unread"
@@ -330,7 +330,7 @@ class ShortcutSheet(Overlay):
         actions.rows_changed.connect(self._on_changed)
         actions.rebuilt.connect(self._on_changed)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.restyle_on_change(self.stop_asking)
+        self.stop_asking()
 
     def open(self) -> None:
         self.search.clear()
@@ -542,7 +542,7 @@ class ShortcutSheet(Overlay):
         self, text: str, *, waits: bool = True, wrong: bool = False, reassign: bool = False, remove: bool = False
     ) -> None:
         self._message_label.setText(text)
-        self._theme.color_text(self._message_label, "amber" if wrong else "text" if waits else "dim")
+        restyle(self._message_label, tone="amber" if wrong else "text" if waits else "dim")
         self._reassign.setVisible(reassign)
         self._reassign.set_key("Enter" if reassign else "")
         self._remove.setVisible(remove)

@@ -631,33 +631,10 @@ _CURVES = (
 )
 
 
-class ConnectionHistory(QWidget):
-    """Samples of the last minute at 4 Hz: (monotonic seconds, milliseconds or nan)."""
-
-    def __init__(self, state: LiveState, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.hide()
-        self._state = state
-        length = round(SPAN_S * 1000 / _SAMPLE_MS)
-        self.times_s: deque[float] = deque(maxlen=length)
-        self.values_ms: dict[str, deque[float]] = {name: deque(maxlen=length) for name, *_ in _CURVES}
-        timer = QTimer(self, interval=_SAMPLE_MS)
-        timer.timeout.connect(self.sample)
-        timer.start()
-
-    def sample(self) -> None:
-        state = self._state
-        self.times_s.append(time.monotonic())
-        link = state.link.value
-        linked = link.state in ("connected", "trouble") and link.round_trip_ms is not None
-        self.values_ms["round_trip"].append(link.round_trip_ms if linked else float("nan"))
-        for name, stream in (("video", state.frame), ("lidar", state.scan)):
-            age_s = stream.age_s()
-            self.values_ms[name].append(float("nan") if age_s is None else age_s * 1000)
-
-
 class ConnectionCard(Overlay):
-    """Popup with the curves. The plotting library is imported when it is first opened."""
+    """Popup with the curves of the last minute, sampled at 4 Hz: (monotonic seconds, milliseconds or nan). The plotting
+    library is imported when it is first opened.
+    """
 
     diagnostics_requested = Signal()
     robots_requested = Signal()
@@ -666,7 +643,9 @@ class ConnectionCard(Overlay):
         super().__init__(theme, window, width_px=860)
         self.setObjectName("connection_card")
         self.setAccessibleName(tr("Connection in the last minute"))
-        self._history = ConnectionHistory(state, self)
+        length = round(SPAN_S * 1000 / _SAMPLE_MS)
+        self.times_s: deque[float] = deque(maxlen=length)
+        self.values_ms: dict[str, deque[float]] = {name: deque(maxlen=length) for name, *_ in _CURVES}
         self._plot: Any = None
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
@@ -691,13 +670,22 @@ class ConnectionCard(Overlay):
         self._layout.addWidget(row)
         for requested in (self.diagnostics_requested, self.robots_requested):
             requested.connect(self.close_overlay)
-        self._refresh = QTimer(self, interval=_SAMPLE_MS)
-        self._refresh.timeout.connect(self.refresh)
+        timer = QTimer(self, interval=_SAMPLE_MS)
+        timer.timeout.connect(self.sample)
+        timer.start()
         theme.changed.connect(self._style)
 
-    @property
-    def history(self) -> ConnectionHistory:
-        return self._history
+    def sample(self) -> None:
+        state = self._state
+        self.times_s.append(time.monotonic())
+        link = state.link.value
+        linked = link.state in ("connected", "trouble") and link.round_trip_ms is not None
+        self.values_ms["round_trip"].append(link.round_trip_ms if linked else float("nan"))
+        for name, stream in (("video", state.frame), ("lidar", state.scan)):
+            age_s = stream.age_s()
+            self.values_ms[name].append(float("nan") if age_s is None else age_s * 1000)
+        if self.isVisible():
+            self.refresh()
 
     def open(self) -> None:
         self._diagnostics.setVisible("diagnostics" in possible_panels(self._state.scenario.value))
@@ -705,13 +693,8 @@ class ConnectionCard(Overlay):
             self._build_plot()
         self._style()
         self.refresh()
-        self._refresh.start()
         super().open()
         self.setFocus(Qt.FocusReason.OtherFocusReason)
-
-    def close_overlay(self) -> None:
-        self._refresh.stop()
-        super().close_overlay()
 
     def card_height_px(self) -> int:
         return 420
@@ -756,13 +739,13 @@ class ConnectionCard(Overlay):
         self._facts.setText(
             text_formatting.link_facts(self._state.link.value, self._state.traffic.value, self._state.present.anchor)
         )
-        if self._plot is None or not self._history.times_s:
+        if self._plot is None or not self.times_s:
             return
-        now_s = self._history.times_s[-1]
-        ago = [moment - now_s for moment in self._history.times_s]
+        now_s = self.times_s[-1]
+        ago = [moment - now_s for moment in self.times_s]
         highest = 50.0
         for name, *_ in _CURVES:
-            values = list(self._history.values_ms[name])
+            values = list(self.values_ms[name])
             self._curves[name].setData(ago, values)
             highest = max([highest, *(value for value in values if value == value)])  # noqa: PLR0124 (not a number)
             self._legend[name].show_value(values[-1])

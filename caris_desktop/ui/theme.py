@@ -1,11 +1,10 @@
-"""Theme: Fusion palette, font and style sheet from the tokens, by the system's or the user's choice; pixmap cache;
-Phosphor icons, drawn in any colour.
+"""Theme: Fusion palette, font and style sheet from the tokens, by the system's or the user's choice; drawings
+cached as pixmaps; Phosphor icons, drawn in any colour.
 """
 
 import json
 import logging
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,78 +21,47 @@ from PySide6.QtGui import (
     QPainter,
     QPalette,
     QPixmap,
+    QPixmapCache,
 )
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 
-AT_MOST = 96
-"""Maximum number of cached pixmaps, least recently used first out; a label takes a few kilobytes."""
 
-
-class PixmapCache:
-    """Pixmap cache by key, for one widget or a class of widgets. GUI thread only.
+def draw_cached(
+    painter: QPainter, at: QPointF, size: QSizeF, key: tuple[object, ...], paint: Callable[[QPainter], None]
+) -> None:
+    """Draw at ``at`` what ``paint`` draws from (0, 0) to ``size``, by Qt's pixmap cache. GUI thread only.
 
     Text and round corners are the most expensive part of a video frame with boxes, names and labels, and would be
-    repainted with each frame of the robot's camera.
+    repainted with each frame of the robot's camera. ``key`` must hold everything the drawing depends on except its
+    size, the theme and the screen scale of ``painter``.
     """
-
-    def __init__(self, at_most: int = AT_MOST) -> None:
-        self._at_most = at_most
-        self._pixmaps: OrderedDict[Hashable, QPixmap] = OrderedDict()
-
-    def clear(self) -> None:
-        """Clear the cache, for example after a change of theme."""
-        self._pixmaps.clear()
-
-    def draw(
-        self, painter: QPainter, at: QPointF, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]
-    ) -> None:
-        """Paint the cached pixmap at ``at``; other parameters as for :meth:`picture`."""
-        if size.isEmpty():
-            return
-        engine = painter.paintEngine()
-        if engine is not None and engine.type() is not QPaintEngine.Type.Raster:
-            # A vector paint device, such as one that tests inspect, gets the drawing itself.
-            painter.save()
-            painter.translate(at)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            paint(painter)
-            painter.restore()
-            return
-        ratio = _ratio_of(painter)
-        # Aligned to whole pixels, the copy stays sharp.
-        where = QPointF(round(at.x() * ratio) / ratio, round(at.y() * ratio) / ratio)
-        painter.drawPixmap(where, self.picture(painter, size, key, paint))
-
-    def picture(self, painter: QPainter, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]) -> QPixmap:
-        """Pixmap of this ``key``; on a cache miss ``paint`` draws it, from (0, 0) to ``size``.
-
-        ``key`` must hold everything the pixmap depends on except its size and the screen scale of ``painter``.
-        """
-        ratio = _ratio_of(painter)
-        full_key = (key, size.width(), size.height(), ratio)
-        picture = self._pixmaps.get(full_key)
-        if picture is None:
-            picture = QPixmap((size * ratio).toSize().expandedTo(QSize(1, 1)))
-            picture.setDevicePixelRatio(ratio)
-            picture.fill(Qt.GlobalColor.transparent)
-            onto = QPainter(picture)
-            onto.setRenderHint(QPainter.RenderHint.Antialiasing)
-            paint(onto)
-            onto.end()
-            self._pixmaps[full_key] = picture
-            if len(self._pixmaps) > self._at_most:
-                self._pixmaps.popitem(last=False)
-        else:
-            self._pixmaps.move_to_end(full_key)
-        return picture
-
-
-def _ratio_of(painter: QPainter) -> float:
-    device = painter.device()
-    return device.devicePixelRatioF() if device is not None else 1.0
+    if size.isEmpty():
+        return
+    engine, device = painter.paintEngine(), painter.device()
+    if engine is not None and engine.type() is not QPaintEngine.Type.Raster:
+        # A vector paint device, such as one that tests inspect, gets the drawing itself.
+        painter.save()
+        painter.translate(at)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        paint(painter)
+        painter.restore()
+        return
+    ratio = device.devicePixelRatioF() if device is not None else 1.0
+    name, picture = repr((key, size.toTuple(), ratio)), QPixmap()
+    if not QPixmapCache.find(name, picture):
+        picture = QPixmap((size * ratio).toSize().expandedTo(QSize(1, 1)))
+        picture.setDevicePixelRatio(ratio)
+        picture.fill(Qt.GlobalColor.transparent)
+        onto = QPainter(picture)
+        onto.setRenderHint(QPainter.RenderHint.Antialiasing)
+        paint(onto)
+        onto.end()
+        QPixmapCache.insert(name, picture)
+    # Aligned to whole pixels, the copy stays sharp.
+    painter.drawPixmap(QPointF(round(at.x() * ratio) / ratio, round(at.y() * ratio) / ratio), picture)
 
 
 ThemeChoice = Literal["system", "dark", "light"]
@@ -104,7 +72,7 @@ SCALES = ("", "1.25", "1.5", "1.75", "2")
 """Scale factors relative to the system's; empty for the system's own."""
 """Settings key."""
 
-_MOST_PAINTED = 256
+_CACHED_KIB = 32 * 1024  # the buttons of a scenario at twice the size
 # Used only if the system has no proper default font, as on a bare Debian with DejaVu alone.
 _GOOD_FAMILIES = ("Inter", "Inter Variable", "Noto Sans", "Cantarell", "Ubuntu", "Liberation Sans", "DejaVu Sans")
 _FALLBACK_FAMILIES = ("DejaVu Sans", "DejaVu Serif", "Sans Serif", "Sans", "Bitstream Vera Sans", "")
@@ -129,8 +97,7 @@ class Theme(QObject):
         self._choice: ThemeChoice = choice
         self.family = _pick_family()
         self._fonts: dict[tuple[int, int], QFont] = {}
-        self.painted = PixmapCache(at_most=_MOST_PAINTED)
-        """Cache of reusable drawings, such as a button with the same text in the next scenario."""
+        QPixmapCache.setCacheLimit(_CACHED_KIB)
         self.colors: Colors = DARK
         app.setStyle("Fusion")
         self._system_scheme = QGuiApplication.styleHints().colorScheme()
@@ -149,12 +116,6 @@ class Theme(QObject):
     def color(self, role: str) -> QColor:
         return QColor(getattr(self.colors, role))
 
-    def color_text(self, widget: QWidget, role: str) -> None:
-        """Set the text colour of ``widget``; call again on ``changed``."""
-        palette = widget.palette()
-        palette.setColor(widget.foregroundRole(), self.color(role))
-        widget.setPalette(palette)
-
     def font(self, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL) -> QFont:
         """Cached font of this size and weight: looking up a typeface costs more than drawing."""
         font = self._fonts.get((size_px, weight))
@@ -170,13 +131,6 @@ class Theme(QObject):
         self.changed.connect(style)
         style()
 
-    def style_text(
-        self, widget: QWidget, role: str, size_px: int = tokens.BODY_PX, weight: int = tokens.WEIGHT_NORMAL
-    ) -> None:
-        """Set text colour and font of ``widget``; call again on ``changed``."""
-        self.color_text(widget, role)
-        widget.setFont(self.font(size_px, weight))
-
     def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:
         self._system_scheme = scheme
         if self._choice == "system":
@@ -184,7 +138,7 @@ class Theme(QObject):
 
     def _apply(self) -> None:
         self.colors = colors_for(self._choice, self._system_scheme)
-        self.painted.clear()
+        QPixmapCache.clear()
         self._app.setPalette(make_palette(self.colors))
         self._app.setFont(self.font())
         self._app.setStyleSheet(make_style_sheet(self.colors))
@@ -405,10 +359,10 @@ QLabel#replay_title {{
 QFrame#moment_bubble {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {radius}px;
 }}
-QFrame#photo_thumbnail {{
+QWidget#photo_thumbnail {{
     background: {colors.video_chip}; border: 1px solid {colors.video_line}; border-radius: {radius}px;
 }}
-QFrame#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
+QWidget#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
 QLabel#moment_picture {{ background: {colors.video_ground}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}

@@ -400,8 +400,7 @@ class EmergencyOverDialogs(QObject):
     def _follow(self) -> None:
         dialog = QApplication.activeModalWidget()
         if self._copy is not None and (dialog is None or self._copy.parentWidget() is not dialog):
-            self._copy.hide()
-            self._copy.deleteLater()
+            layouts.discard(self._copy)
             self._copy = None
         if dialog is not None and self._copy is None and self._button.isVisible():
             self._copy = self._copy_for(dialog)

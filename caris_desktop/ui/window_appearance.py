@@ -108,9 +108,6 @@ class Appearance:
     def choose_language(self, name: str) -> None:
         self._persist(LANGUAGE_KEY, name)
 
-    def languages(self) -> tuple[str, ...]:
-        return languages()
-
     def _persist(self, key: str, value: str) -> None:
         if self._settings is not None:
             self._settings.setValue(key, value)

@@ -121,7 +121,8 @@ class WindowMenus:
         panels = menu.addMenu(tr("Panels"))
         panels.setObjectName("panels_menu")
         for name in parts.panels.possible():
-            add_switch(panels, tr(PANELS[name].title), parts.panels.is_open(name), parts.panels.toggler(name))
+            set_open = partial(parts.panels.set_open, name)
+            add_switch(panels, tr(PANELS[name].title), parts.panels.is_open(name), set_open)
         self.fill_layout_menu(menu.addMenu(self.layout_title()))
         if parts.sessions.has_library:
             self._add_sessions(menu)
@@ -138,7 +139,7 @@ class WindowMenus:
             menu.addAction(tr("Gamepad…"), parts.gamepad.open)
         menu.addAction(tr("Practise on the simulated robot"), parts.practise)
         for sees, text in SEES_WORDS.items():
-            menu.addAction(tr(text), parts.observers.opener(sees))
+            menu.addAction(tr(text), partial(parts.observers.open, sees))
         set_up = menu.addAction(tr("Set up…"), partial(parts.actions.run, "set_up"))
         set_up.setEnabled(parts.actions.available("set_up"))
         menu.addAction(tr("All shortcuts"), self._show_shortcuts)

@@ -3,7 +3,7 @@ export dialog, gamepad dialog, face and its editor, scenario editor.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -116,9 +116,6 @@ class RobotChooser(_Windows):
             lambda: self._use(choice),
         )
 
-    def chooser(self, choice: RobotChoice) -> Callable[[], None]:
-        return partial(self.choose, choice)
-
     def others(self) -> list[RobotChoice]:
         """Robots to which the console can switch."""
         return [choice for choice in self.choices.now() if not self._is_current(choice) and not choice.problem]
@@ -131,7 +128,7 @@ class RobotChooser(_Windows):
         titles = [unusable.format(robot=each.title) if each.problem else each.title for each in choices]
         rows = zip(titles, choices, strict=True)
         actions = add_choices(
-            menu, ((in_menu(title), self._is_current(each), self.chooser(each)) for title, each in rows)
+            menu, ((in_menu(title), self._is_current(each), partial(self.choose, each)) for title, each in rows)
         )
         for action, choice in zip(actions, choices, strict=True):
             action.setEnabled(not choice.problem)

@@ -13,6 +13,7 @@ import caris_desktop.ui
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
+from caris_desktop.ui.widgets.labels import restyle
 from tests.ui.conftest import MemorySettings
 
 # Text and background colours: every pair must reach 4.5:1 in both themes.
@@ -90,9 +91,9 @@ def test_a_text_is_drawn_in_the_colour_of_its_role(qtbot: QtBot, theme: Theme, c
     theme.set_choice(choice)
     label = QLabel("█" * 20)
     qtbot.addWidget(label)
-    theme.color_text(label, "amber")
+    restyle(label, tone="amber")
     assert theme.colors.amber in colours_across(label)
-    theme.color_text(label, "dim")
+    restyle(label, tone="dim")
     assert theme.colors.dim in colours_across(label)
     assert theme.colors.amber not in colours_across(label)
     theme.set_choice("dark")

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -127,7 +128,7 @@ class Spoken:
             window.show_shortcuts, window._connection.open, window.show_preflight, window._alarms.show_alarms,
             window.sessions.open_start_dialog, window.sessions.open_sessions,
             lambda: window.sessions.open_export([test_sessions.SESSIONS[0].folder]), window.robots.open_dialog,
-            window.gamepad.open, window.editor.open, *(window.observers.opener(sees) for sees in SEES_WORDS),
+            window.gamepad.open, window.editor.open, *(partial(window.observers.open, sees) for sees in SEES_WORDS),
             window.show_set_up,
         )  # fmt: skip
         for opener in openers:

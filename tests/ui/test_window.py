@@ -413,12 +413,12 @@ def test_the_connection_can_be_looked_at(qtbot: QtBot, window: MainWindow, conso
     click(qtbot, find(window, "status_link"))
     card = find(window, "connection_card")
     assert isinstance(card, ConnectionCard)
-    card.history.sample()
+    card.sample()
     console.state.link.set(LinkStatus("lost", "Simulated robot"))
-    card.history.sample()
+    card.sample()
     card.refresh()
     assert find(window, "connection_plot").isVisible()
-    newest = card.history.values_ms["round_trip"]
+    newest = card.values_ms["round_trip"]
     assert newest[-2] == 12.0
     assert math.isnan(newest[-1])
     QTest.keyClick(card, Qt.Key.Key_Escape)

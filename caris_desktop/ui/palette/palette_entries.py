@@ -45,7 +45,7 @@ from caris_desktop.ui.people.shown_people import everyone, is_asked
 from caris_desktop.ui.speak.speak_field import voice_choices
 from caris_desktop.ui.text_formatting import UNDER_WAY, local_time, question_for
 from caris_desktop.ui.theme import SCALES, ThemeChoice
-from caris_desktop.ui.window_appearance import percent_of, scale_words
+from caris_desktop.ui.window_appearance import languages, percent_of, scale_words
 from caris_desktop.ui.window_menus import THEME_WORDS, AppContext
 
 if TYPE_CHECKING:  # imported at first use
@@ -217,7 +217,7 @@ class PaletteEntries:
                 uses = [(localized(to_one, control=title, choice=each.title), each.value) for each in control.choices]
             elif "robot" in self._parts.panels.possible():
                 text = localized(QT_TR_NOOP("Robot: {control}"), control=title)
-                yield item(_CONTROL, text, "sliders", self._parts.panels.opener("robot"))
+                yield item(_CONTROL, text, "sliders", partial(self._parts.panels.open_and_focus, "robot"))
             for use, value in uses:
                 yield item(
                     control.group or _CONTROL, localized(QT_TR_NOOP("Robot: {control}"), control=use), "sliders",
@@ -265,17 +265,17 @@ class PaletteEntries:
         open_panels = [name for name in possible if panels.is_open(name)]
         for name in possible:
             also = "" if name in open_panels else QT_TR_NOOP("add open show")
-            yield item(_PANEL, PANELS[name].title, PANELS[name].icon, panels.opener(name), also)
+            yield item(_PANEL, PANELS[name].title, PANELS[name].icon, partial(panels.open_and_focus, name), also)
         if locked:
             return
         for name in open_panels:
             text = localized(QT_TR_NOOP("Close {panel}"), panel=PANELS[name].title)
-            yield item(_PANEL, text, "x", panels.closer(name), QT_TR_NOOP("hide remove"))
+            yield item(_PANEL, text, "x", partial(panels.close, name), QT_TR_NOOP("hide remove"))
         for name in open_panels:
             title = PANELS[name].title
             yield item(
                 _PANEL, localized(QT_TR_NOOP("{panel}: to a separate window, or back"), panel=title),
-                "arrow-square-out", panels.floater(name), QT_TR_NOOP("float undock second screen"),
+                "arrow-square-out", partial(panels.toggle_floating, name), QT_TR_NOOP("float undock second screen"),
                 id=f"Panel: {title}: into a window of its own, or back",
             )  # fmt: skip
         for name in open_panels:
@@ -311,7 +311,7 @@ class PaletteEntries:
         for choice in robots.others():
             yield item(
                 _ROBOT, localized(QT_TR_NOOP("Connect to {robot}"), robot=choice.title), "robot",
-                robots.chooser(choice), QT_TR_NOOP("use switch another"), acts=True, named=choice.title,
+                partial(robots.choose, choice), QT_TR_NOOP("use switch another"), acts=True, named=choice.title,
             )  # fmt: skip
         if robots.can_detect:
             yield item(_ROBOT, QT_TR_NOOP("Connect another robot…"), "plus", robots.open_dialog, QT_TR_NOOP("new add"))
@@ -319,7 +319,7 @@ class PaletteEntries:
     def _of_windows(self) -> _Items:
         parts, connection = self._parts, QT_TR_NOOP("Connection in the last minute")
         for sees, text in SEES_WORDS.items():
-            yield item(_WINDOW, text, "monitor", parts.observers.opener(sees), QT_TR_NOOP("second screen"))
+            yield item(_WINDOW, text, "monitor", partial(parts.observers.open, sees), QT_TR_NOOP("second screen"))
         practise, also = QT_TR_NOOP("Practise on the simulated robot"), QT_TR_NOOP("learn training tutorial help")
         yield item(_DO, practise, "student", parts.practise, also)
         yield item(_WINDOW, connection, "wifi-high", self._show_connection)
@@ -448,7 +448,7 @@ class PaletteEntries:
                     _WINDOW, scale_words(scale), "text-aa", partial(appearance.choose_scale, scale),
                     QT_TR_NOOP("larger bigger smaller text font zoom scale"), id=f"Window: Size: {size}",
                 )  # fmt: skip
-        for name in appearance.languages():
+        for name in languages():
             if name != appearance.language:
                 native = QLocale(name).nativeLanguageName()
                 yield item(

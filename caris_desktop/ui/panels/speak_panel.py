@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QFocusEvent, QHideEvent, QKeyEvent, QKeySequence, QMouseEvent
+from PySide6.QtGui import QAccessible, QFocusEvent, QHideEvent, QKeyEvent, QMouseEvent
 from PySide6.QtWidgets import QFrame, QMenu, QScrollArea, QSizePolicy, QWidget
 
 from caris_desktop.conversation.spoken_text import NAME, PLACE
@@ -30,7 +30,6 @@ from caris_desktop.ui.action_rows import (
 )
 from caris_desktop.ui.focus_widget import existing, focus_widget, focused_widget
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.speak_field import SpeakField, voice_choices
@@ -157,9 +156,7 @@ class QueueList(QWidget):
     # ---- keyboard
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        pressed = _spelled(event)
-        rows = self._actions.listening_in("queue")
-        row = next((row for row in rows if pressed in map(normalized, row.keys)), None)
+        row = self._actions.pressed_in("queue", event)
         if row is not None:
             self._actions.run(row.id)
         else:
@@ -174,12 +171,6 @@ class QueueList(QWidget):
         super().focusOutEvent(event)
         self._choose(self._chosen)
         self._actions.set_focused_part("")
-
-
-def _spelled(event: QKeyEvent) -> str:
-    combination = event.keyCombination()
-    bare = combination.keyboardModifiers() & ~Qt.KeyboardModifier.KeypadModifier
-    return QKeySequence(bare.value | int(combination.key())).toString(QKeySequence.SequenceFormat.PortableText)
 
 
 class _QueueRow(QFrame):
@@ -648,8 +639,7 @@ class PhraseRows(QWidget):
         groups = phrase_groups(self._console.scenario.phrases)
         while len(self._titles) > len(groups):
             title = self._titles.pop()
-            title.hide()
-            title.deleteLater()
+            layouts.discard(title)
         for number in range(len(self._titles), len(groups)):
             self._titles.append(self._new_title(number))
         for title, group in zip(self._titles, groups, strict=True):

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyleOpti
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.people.portraits import AVATAR_PX, PortraitPixmaps, draw_avatar
 from caris_desktop.ui.people.shown_people import (
@@ -292,8 +292,7 @@ class PeopleList(FastTableView):
             controls.show()
             self.controls[person.person_id] = controls
         for gone in before.values():
-            gone.hide()
-            gone.deleteLater()
+            layouts.discard(gone)
 
     # ---- rows held in place
 
@@ -424,8 +423,7 @@ class RowControls(QAbstractButton):
             control.setToolTip(wrapped_tip(button.tip))
             control.show()
         for gone in before.values():
-            gone.hide()
-            gone.deleteLater()
+            layouts.discard(gone)
         self._arrange()
 
     def _new_button(self, act: str) -> ActionButton:

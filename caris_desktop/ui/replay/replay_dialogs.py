@@ -10,8 +10,6 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QApplication,
     QComboBox,
-    QDialog,
-    QFileDialog,
     QFormLayout,
     QHeaderView,
     QLabel,
@@ -32,7 +30,7 @@ from caris_desktop.recording.annotation.annotation_editing import LONGEST_NAME, 
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.coder_agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.ui import layouts
-from caris_desktop.ui.focus_widget import VisualTabOrderMixin
+from caris_desktop.ui.form_dialog import FormDialog, file_dialog
 from caris_desktop.ui.replay.timeline_items import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -45,14 +43,12 @@ OWN_LIST = QT_TR_NOOP("A list of labels…")
 _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
-class _Dialog(VisualTabOrderMixin, QDialog):
+class _Dialog(FormDialog):
     """Dialog ``NAME_dialog`` with room for its content above a row of buttons: the first left, the last right."""
 
-    def __init__(self, theme: Theme, parent: QWidget, name: str, size: QSize) -> None:
-        super().__init__(parent)
-        self.setObjectName(f"{name}_dialog")
+    def __init__(self, theme: Theme, parent: QWidget, name: str, title: str, size: QSize) -> None:
+        super().__init__(theme, parent, f"{name}_dialog", title)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._theme = theme
         self._name = name
         self._size = size
         self.column = layouts.vbox(self, margins_px=24, spacing_px=16)
@@ -171,8 +167,8 @@ class TierDialog(_Dialog):
         coder: str = "",
         scenario_labels: Sequence[str] = (),
     ) -> None:
-        super().__init__(theme, parent, "tier", QSize(480, 0))
-        self.setWindowTitle(tr("Add a tier") if tier is None else tr("Change the tier"))
+        title = tr("Add a tier") if tier is None else tr("Change the tier")
+        super().__init__(theme, parent, "tier", title, QSize(480, 0))
         self._document = document
         self._tier = tier
         self._apply = apply
@@ -285,8 +281,7 @@ class ImportDialog(_Dialog):
         coders: Sequence[str],
         import_file: Callable[[Path, str, Callable[[str], None]], None],
     ) -> None:
-        super().__init__(theme, parent, "import", QSize(560, 300))
-        self.setWindowTitle(tr("Import annotations"))
+        super().__init__(theme, parent, "import", tr("Import annotations"), QSize(560, 300))
         self._import_file = import_file
         self.labelled(tr("Choose the file and its coder"), "heading", "heading")
         self.labelled(
@@ -312,13 +307,16 @@ class ImportDialog(_Dialog):
         self.add_buttons(tr("Cancel"), take, self._on_import)
 
     def browse(self) -> None:
-        chooser = QFileDialog(self, tr("Annotations to import"), self.path_field.text())
         kinds = ((tr("Annotations ({files})"), _FORMATS), (tr("All files ({files})"), "*"))
-        chooser.setNameFilters([kind.format(files=files) for kind, files in kinds])
-        chooser.setFileMode(QFileDialog.FileMode.ExistingFile)
-        chooser.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        chooser.fileSelected.connect(self.path_field.setText)
-        chooser.open()
+        files = ";;".join(kind.format(files=files) for kind, files in kinds)
+        typed = self.path_field.text()
+        file_dialog(
+            self, "import_chooser", tr("Annotations to import"), self._on_file_chosen, files=files,
+            folder=Path(typed).expanduser() if typed else None,
+        ).show()  # fmt: skip
+
+    def _on_file_chosen(self, path: Path) -> None:
+        self.path_field.setText(str(path))
 
     def _on_import(self) -> None:
         text = self.path_field.text().strip()
@@ -370,8 +368,7 @@ class AgreementDialog(_Dialog):
     """Compares two tiers in their state at opening, again on each selection."""
 
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
-        super().__init__(theme, parent, "agreement", QSize(640, 620))
-        self.setWindowTitle(tr("Agreement between two coders"))
+        super().__init__(theme, parent, "agreement", tr("Agreement between two coders"), QSize(640, 620))
         self._document = document
         self.agreement: TierAgreement | None = None
         tiers = [tier for tier in document.tiers if tier.coder]

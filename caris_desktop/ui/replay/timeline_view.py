@@ -1,12 +1,11 @@
 """Timeline of a session, and its place with the replay bar in the main window."""
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, Qt, Signal
-from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, Signal
+from PySide6.QtGui import QAccessible, QKeyEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
@@ -33,7 +32,6 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.key_choices import key_code, normalized, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.replay_bar import ReplayBar, Thumbnails
 from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
@@ -65,7 +63,6 @@ _NARROWEST_PX, _LOWEST_PX = 480, TITLE_HEIGHT_PX + RULER_PX + 32
 _NO_LIMIT_PX = 16_777_215
 # Commands that repeat while their key is held.
 _REPEATED = ("seek_by", "nudge", "select_next", "select_tier", "zoom")
-_NOT_A_MODIFIER = Qt.KeyboardModifier.KeypadModifier | Qt.KeyboardModifier.GroupSwitchModifier
 
 
 class TimelineView(QWidget):
@@ -452,40 +449,16 @@ class TimelineView(QWidget):
         if event.key() == Qt.Key.Key_Escape:
             self.acts.give_up()
             return True
-        texts = _texts_of(event)
-        for spec in self._actions.listening_in("timeline"):
-            if any(normalized(key) in texts for key in spec.keys):
-                if not event.isAutoRepeat() or spec.callback in _REPEATED:
-                    self._actions.run(spec.id)
-                return True
-        return False
+        spec = self._actions.pressed_in("timeline", event)
+        if spec is not None and (not event.isAutoRepeat() or spec.callback in _REPEATED):
+            self._actions.run(spec.id)
+        return spec is not None
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter, active = QPainter(self), self.canvas.hasFocus()
         body = QRectF(self.rect()).adjusted(0, TITLE_HEIGHT_PX, 0, 0)
         draw_card(painter, self._theme, body, top=False, active=active)
         draw_card(painter, self._theme, QRectF(0, 0, self.width(), TITLE_HEIGHT_PX), top=True, active=active)
-
-
-def _texts_of(event: QKeyEvent) -> set[str]:
-    """Spellings of this key in the table. Plus matches with and without Shift; digits match by position."""
-    bare = event.modifiers() & ~_NOT_A_MODIFIER
-    shift = Qt.KeyboardModifier.ShiftModifier
-    key = Qt.Key(event.key())
-    texts = {_spelled(bare, key)}
-    if bare & shift and key in (Qt.Key.Key_Plus, Qt.Key.Key_Minus, Qt.Key.Key_Equal):
-        texts.add(_spelled(bare & ~shift, key))
-    code = key_code(sys.platform, scan_code=event.nativeScanCode(), virtual_key=event.nativeVirtualKey())
-    position = position_of(sys.platform, code)
-    if position is not None and position.isdigit() and not bare & ~shift:
-        texts.add(position)
-    if key == Qt.Key.Key_Enter:
-        texts.add(_spelled(bare, Qt.Key.Key_Return))
-    return texts
-
-
-def _spelled(modifiers: Qt.KeyboardModifier, key: Qt.Key) -> str:
-    return QKeySequence(QKeyCombination(modifiers, key)).toString(QKeySequence.SequenceFormat.PortableText)
 
 
 def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:

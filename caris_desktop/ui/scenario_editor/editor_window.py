@@ -40,7 +40,7 @@ from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Open
 from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel, restyle
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
@@ -260,7 +260,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         if document.mistakes:
             state = tr("Errors: %n · {where}", "", len(document.mistakes))
         self._state.setText(state.format(where=where))
-        self._theme.color_text(self._state, "red" if document.mistakes else "amber" if document.changed else "dim")
+        restyle(self._state, tone="red" if document.mistakes else "amber" if document.changed else "dim")
         history = document.history
         self.undo_button.setEnabled(history.canUndo())
         self.redo_button.setEnabled(history.canRedo())

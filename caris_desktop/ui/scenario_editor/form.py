@@ -49,7 +49,7 @@ from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
-from caris_desktop.ui.widgets.labels import KeyCap
+from caris_desktop.ui.widgets.labels import KeyCap, restyle
 
 W = TypeVar("W", bound=QWidget)
 _MORE_PX = 104
@@ -386,7 +386,7 @@ class TextField(Field):
         link = f'<a href="{{0}}" style="color:{theme.colors.blue}; text-decoration:none">{{0}}</a>'
         names = " · ".join(link.format(escape(name)) for name in known.names)
         self._known.setText(escape(template).format(name=escape(value), names=names))
-        theme.color_text(self._known, "amber" if missing else "dim")
+        restyle(self._known, tone="amber" if missing else "dim")
         self.remark = template.format(name=value, names=", ".join(known.names))
         self._known.setAccessibleName(self.context.spoken(self.remark))
         # A row without choices left stays a row.

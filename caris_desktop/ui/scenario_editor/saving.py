@@ -179,8 +179,7 @@ class Notice(QWidget):
         self.text.setText(text)
         self.setAccessibleName(text)
         for button in self.answers:
-            button.hide()
-            button.deleteLater()
+            layouts.discard(button)
         self.answers = []
         for words, do in answers or ((tr("Dismiss"), partial(self.take_back, topic)),):
             button = ActionButton(self._theme, words, height_px=30, clicked=lambda _checked=False, do=do: do())

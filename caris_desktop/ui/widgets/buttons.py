@@ -1,6 +1,7 @@
 """Buttons with icon, text and key cap, painted from the design tokens."""
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any, Literal
 
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt, Signal, SignalInstance
@@ -9,7 +10,7 @@ from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme, draw_cached, draw_icon
 from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width
 
 ButtonRole = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber", "bare"]
@@ -253,13 +254,8 @@ class ActionButton(QAbstractButton):
         font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
         now = (self.isEnabled(), self.hasFocus(), on)
         key = ("button", self.text(), colors, marks, font, now)
-        self._theme.painted.draw(
-            QPainter(self),
-            QPointF(),
-            QSizeF(self.size()),
-            key,
-            lambda painter: self._paint(painter, ground, line, ink, on),
-        )
+        paint = partial(self._paint, ground=ground, line=line, ink=ink, on=on)
+        draw_cached(QPainter(self), QPointF(), QSizeF(self.size()), key, paint)
 
     def _paint(self, painter: QPainter, ground: QColor | None, line: QColor | None, ink: QColor, on: str) -> None:
         theme = self._theme

@@ -13,9 +13,9 @@ from PySide6.QtWidgets import QAbstractButton, QWidget
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, draw_card_edge
-from caris_desktop.ui.theme import PixmapCache, Theme, draw_icon
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.frame_view import detections_fit, fitted, paint_words
 
 EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0
@@ -84,8 +84,7 @@ class SmallPicture(QAbstractButton):
         self._frame: FrameRef | None = None
         self._taken_s = -math.inf
         self._description = ""
-        self._painted = PixmapCache()
-        theme.changed.connect(self._on_theme_changed)
+        theme.changed.connect(self.update)
         self._stream = panel.state.frame_of(camera)
         self._stream.changed.connect(self._on_frame_changed)
         self._stream.freshness_changed.connect(self._on_freshness_changed)
@@ -147,10 +146,6 @@ class SmallPicture(QAbstractButton):
             self.refresh()
             self.update()
 
-    def _on_theme_changed(self) -> None:
-        self._painted.clear()
-        self.update()
-
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         theme, bounds = self._theme, QRectF(self.rect())
@@ -207,7 +202,7 @@ class SmallPicture(QAbstractButton):
         text = metrics.elidedText(text, Qt.TextElideMode.ElideRight, self.width() - 20)
         place = QRectF(4, 4, math.ceil(metrics.horizontalAdvance(text)) + 12, 20)
         ink, ground = self._theme.color("box_warning" if warns else "video_text"), self._theme.color("video_chip")
-        paint_words(painter, self._painted, place, text, font=font, ink=ink, ground=ground)
+        paint_words(painter, place, text, font=font, ink=ink, ground=ground)
 
 
 def shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:
@@ -233,9 +228,8 @@ class CameraStrip(QWidget):
         self._panel = panel
         self._pictures: dict[str, SmallPicture] = {}
         self._place = NO_PLACE
-        self._painted = PixmapCache()
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        theme.changed.connect(self._on_theme_changed)
+        theme.changed.connect(self.update)
         self.hide()
 
     @property
@@ -247,8 +241,7 @@ class CameraStrip(QWidget):
         """Set the cameras; the main one is left out."""
         for camera in [known for known in self._pictures if known not in cameras]:
             dropped = self._pictures.pop(camera)
-            dropped.hide()
-            dropped.deleteLater()
+            layouts.discard(dropped)
         for camera in cameras:
             if camera not in self._pictures:
                 self._pictures[camera] = picture = SmallPicture(self._theme, self._panel, camera, self)
@@ -277,10 +270,6 @@ class CameraStrip(QWidget):
         if isinstance(picture, SmallPicture):
             self.chosen.emit(picture.camera)
 
-    def _on_theme_changed(self) -> None:
-        self._painted.clear()
-        self.update()
-
     def _arrange(self) -> None:
         size, pictures = self._place.picture, self.pictures
         right = self._place.side == "right"
@@ -300,7 +289,7 @@ class CameraStrip(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), self._theme.color("video_ground"))
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
-        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active)
+        draw_card_edge(painter, self._theme, card, active=self._panel.active)
 
 
 def strip_thickness_px(place: StripPlace) -> int:

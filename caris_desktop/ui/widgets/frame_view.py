@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from PySide6.QtGui import (
     QPainter,
     QPaintEvent,
     QPen,
-    QPixmap,
     QPolygonF,
 )
 from PySide6.QtWidgets import QWidget
@@ -30,7 +28,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.panel import Panel, draw_card_edge
-from caris_desktop.ui.theme import PixmapCache, Theme, draw_icon
+from caris_desktop.ui.theme import Theme, draw_cached, draw_icon
 
 FARTHEST_M = 8.0
 """Beyond this a pixel covers half a metre or more of floor."""
@@ -103,8 +101,7 @@ _CHIP_ICONS = {
 }  # fmt: skip
 _CLICK_PX = 6
 _LIT_ALPHA = 60  # white over the person being named, who stays recognisable
-_DASH_PX, _DASH_ON_PX = 18, 10
-_STRIP_PX = 4320  # height of the largest screens
+_DASH_PATTERN = (5.0, 4.0)  # in widths of the pen
 
 
 def detections_fit(people: People | None, frame: FrameRef | None) -> bool:
@@ -185,19 +182,12 @@ class FrameView(QWidget):
         self.setAccessibleName(tr("Picture from the robot's camera"))
         # Every pixel is painted, so Qt need not paint what lies below.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        self._painted = PixmapCache()
-        self._dash_strips: dict[tuple[str, str], QPixmap] = {}
-        theme.changed.connect(self._on_theme_changed)
+        theme.changed.connect(self.update)
 
     @property
     def frame(self) -> FrameRef | None:
         """Frame on display; None while a message is shown instead."""
         return self._frame if self._freshness in ("fresh", "stale") else None
-
-    def _on_theme_changed(self) -> None:
-        self._painted.clear()
-        self._dash_strips.clear()
-        self.update()
 
     def show_frame(self, image_bgr: NDArray[np.uint8], frame: FrameRef) -> None:
         height, width = image_bgr.shape[:2]
@@ -350,7 +340,7 @@ class FrameView(QWidget):
         self._paint_chips(painter)
         # The card belongs to the panel: a camera strip may be next to the view.
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
-        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active, whole=self.whole_card)
+        draw_card_edge(painter, self._theme, card, active=self._panel.active, whole=self.whole_card)
 
     def words_without_picture(self) -> tuple[str, str]:
         """Message in place of the picture: title and explanation."""
@@ -447,7 +437,7 @@ class FrameView(QWidget):
         if size.width() <= rect.width() and size.height() <= rect.height():
             ink, ground = self._theme.color("video_dim"), self._theme.color("video_chip")
             place = QRectF(rect.topLeft(), size)
-            paint_words(painter, self._painted, place, label, font=font, ink=ink, ground=ground, radius_px=0)
+            paint_words(painter, place, label, font=font, ink=ink, ground=ground, radius_px=0)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
         """Paint a second, light-on-dark outline that is visible on any image."""
@@ -457,32 +447,19 @@ class FrameView(QWidget):
                 painter.fillRect(bar, self._theme.color(role))
 
     def _paint_box_edge(self, painter: QPainter, rect: QRectF, role: str, *, solid: bool) -> None:
-        """Paint a box, dashed for an unnamed person.
-
-        Made of four bars with cached dash patterns: a pen's dashes and round corners would be computed for each box of
-        each frame.
-        """
+        """Paint a box, dashed for an unnamed person."""
         color = self._theme.color(role)
+        dashes = QPen(color, 2, Qt.PenStyle.CustomDashLine, Qt.PenCapStyle.FlatCap)
+        dashes.setDashPattern(_DASH_PATTERN)
         for bar in _bars(rect.toRect().adjusted(-1, -1, 1, 1), 2):
             if solid:
                 painter.fillRect(bar, color)
-            elif bar.width() > 0 and bar.height() > 0:
-                across = bar.height() == 2
-                strip = self._dashes("across" if across else "down", role)
-                painter.drawPixmap(bar.topLeft(), strip, QRect(0, 0, bar.width(), bar.height()))
-
-    def _dashes(self, direction: Literal["across", "down"], role: str) -> QPixmap:
-        strip = self._dash_strips.get((direction, role))
-        if strip is None:
-            across, color = direction == "across", self._theme.color(role)
-            strip = QPixmap(*((_STRIP_PX, 2) if across else (2, _STRIP_PX)))
-            strip.fill(Qt.GlobalColor.transparent)
-            onto = QPainter(strip)
-            for first in range(0, _STRIP_PX, _DASH_PX):
-                onto.fillRect(QRect(*((first, 0, _DASH_ON_PX, 2) if across else (0, first, 2, _DASH_ON_PX))), color)
-            onto.end()
-            self._dash_strips[(direction, role)] = strip
-        return strip
+            elif bar.width() == 2:
+                painter.setPen(dashes)
+                painter.drawLine(bar.left() + 1, bar.top(), bar.left() + 1, bar.bottom() + 1)
+            else:
+                painter.setPen(dashes)
+                painter.drawLine(bar.left(), bar.top() + 1, bar.right() + 1, bar.top() + 1)
 
     def _tag_size(self, text: str) -> QSizeF:
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
@@ -492,7 +469,7 @@ class FrameView(QWidget):
         """Paint a label, 21 px high, cached per text."""
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
         ink, place = self._theme.color("on_box"), QRectF(at, self._tag_size(text))
-        paint_words(painter, self._painted, place, text, font=font, ink=ink, ground=self._theme.color(role))
+        paint_words(painter, place, text, font=font, ink=ink, ground=self._theme.color(role))
 
     def _paint_spot(self, painter: QPainter) -> None:
         spot, model, theme = self.spot, self.model, self._theme
@@ -514,7 +491,7 @@ class FrameView(QWidget):
     def _paint_chips(self, painter: QPainter) -> None:
         for text, role, place in self._chip_places():
             paint = partial(self._paint_chip, text, role, place.width())
-            self._painted.draw(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
+            draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
 
     def _chip_places(self) -> list[tuple[str, str, QRectF]]:
         """Texts, roles and rectangles of labels that fit, in at most two rows at the lower edge."""
@@ -575,9 +552,8 @@ class FrameView(QWidget):
 
 
 def paint_words(
-    painter: QPainter, painted: PixmapCache, place: QRectF, text: str, *,
-    font: QFont, ink: QColor, ground: QColor, radius_px: float = 4,
-) -> None:  # fmt: skip
+    painter: QPainter, place: QRectF, text: str, *, font: QFont, ink: QColor, ground: QColor, radius_px: float = 4
+) -> None:
     """Paint a text on a rounded ground, cached."""
     rect = QRectF(QPointF(0, 0), place.size())
 
@@ -589,13 +565,8 @@ def paint_words(
         onto.setPen(ink)
         onto.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
-    painted.draw(
-        painter,
-        place.topLeft(),
-        place.size(),
-        (text, font.key(), ink.name(), ground.name(QColor.NameFormat.HexArgb)),
-        paint,
-    )
+    key = ("words", text, font.key(), ink.name(), ground.name(QColor.NameFormat.HexArgb), radius_px)
+    draw_cached(painter, place.topLeft(), place.size(), key, paint)
 
 
 def _bars(edge: QRect, width: int) -> tuple[QRect, QRect, QRect, QRect]:

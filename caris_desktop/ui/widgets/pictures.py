@@ -2,14 +2,15 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QAccessible, QImage, QPixmap
-from PySide6.QtWidgets import QFrame, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.media_checks import PictureError, checked_size
 from caris_desktop.ui import layouts
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.labels import IconLabel, label
+from caris_desktop.ui.widgets.popups import Popup
 
 
 def image_of(content: bytes) -> QImage:
@@ -32,16 +33,15 @@ def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
     return image.scaledToWidth(_PICTURE_PX, Qt.TransformationMode.FastTransformation)
 
 
-class PhotoThumbnail(QFrame):
+class PhotoThumbnail(Popup):
     """Thumbnail over the lower right of ``over``, or so far below its upper edge; transparent to the mouse."""
 
     accessible_role = QAccessible.Role.Graphic
 
     def __init__(self, theme: Theme, over: QWidget, *, top_px: int | None = None) -> None:
-        super().__init__(over)
+        super().__init__(theme, over)
         self.setObjectName("photo_thumbnail")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._over = over
         self._top_px = top_px
         self.image: QImage | None = None
         self._picture, self._line = QLabel(alignment=Qt.AlignmentFlag.AlignCenter), label("", "small")
@@ -51,7 +51,6 @@ class PhotoThumbnail(QFrame):
         self._going = QTimer(self, singleShot=True, interval=SHOWN_MS)
         self._going.timeout.connect(self.hide)
         over.installEventFilter(self)
-        self.hide()
 
     def show_photo(self, image: QImage | None, line: str, file_name: str) -> None:
         """Show the thumbnail; only the text if ``image`` is None."""
@@ -61,16 +60,11 @@ class PhotoThumbnail(QFrame):
         self._line.setText(line)
         self.setAccessibleName(f"{line}: {file_name}")
         self.show()
-        self._place()
+        self.place()
         self.raise_()
         self._going.start()
 
-    def _place(self) -> None:
+    def place(self) -> None:
         self.adjustSize()
-        top = self._over.height() - self.height() - 12 if self._top_px is None else self._top_px
-        self.move(self._over.width() - self.width() - 12, top)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Resize and self.isVisible():
-            self._place()
-        return super().eventFilter(watched, event)
+        top = self._room.height() - self.height() - 12 if self._top_px is None else self._top_px
+        self.move(self._room.width() - self.width() - 12, top)

@@ -135,8 +135,7 @@ class ChoiceCard(FloatingCard):
         """Open with ``choices`` of (object name, text, icon, callback); the first ``per_row`` are highlighted."""
         self.hide()  # widgets added to a visible popup have no size until shown
         for button in self._buttons:
-            button.hide()
-            button.deleteLater()
+            layouts.discard(button)
         self._buttons.clear()
         self._line.setText(line)
         self._line.setVisible(bool(line))

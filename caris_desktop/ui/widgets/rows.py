@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.ui import tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 
 VALUE_ROLE = int(Qt.ItemDataRole.UserRole)
@@ -95,8 +95,7 @@ def show_rows(column: QBoxLayout, rows: dict[str, Row], keys: Sequence[str], mak
     rows.update({key: before.pop(key) if key in before else make(key) for key in keys})
     for row in before.values():
         column.removeWidget(row)
-        row.hide()
-        row.deleteLater()
+        layouts.discard(row)
     for place, row in enumerate(rows.values()):
         if column.indexOf(row) != place:
             column.removeWidget(row)
