@@ -102,7 +102,7 @@ class LayoutStore(QObject):
         self._recorded: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
         self._in_replay = False
-        self._borrowers: tuple[QWidget, ...] = ()
+        self._borrower: QWidget | None = None
         self._aspect = 4 / 3
         self._aspect_known = False
         self._kind: SizeClass = "usual"
@@ -122,19 +122,19 @@ class LayoutStore(QObject):
         console.state.frame.changed.connect(self._on_frame)
         console.state.robot.changed.connect(self._on_robot)
 
-    def lend_room_to(self, *strips: QWidget) -> None:
-        """Set the banners above the panels, whose appearance does not count as another window size."""
-        self._borrowers = strips
+    def lend_room_to(self, strip: QWidget) -> None:
+        """Set the strip above the panels, whose appearance does not count as another window size."""
+        self._borrower = strip
 
     @property
     def _height(self) -> int:
-        """Height available to the panels, without counting banners."""
-        borrowed, width = 0, self._docks.window().width()
-        for strip in self._borrowers:
-            if not strip.isHidden():  # a banner that just appears gets its size after the panels
-                wraps = strip.hasHeightForWidth()
-                borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
-        return self._docks.height() + borrowed
+        """Height available to the panels, without counting the strip."""
+        strip = self._borrower
+        if strip is None or strip.isHidden():
+            return self._docks.height()
+        # A strip that just appears gets its size after the panels.
+        wraps, width = strip.hasHeightForWidth(), self._docks.window().width()
+        return self._docks.height() + (strip.heightForWidth(width) if wraps else strip.sizeHint().height())
 
     def _on_robot(self, _robot: object) -> None:
         self._aspect_known = False

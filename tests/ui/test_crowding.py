@@ -111,6 +111,21 @@ def test_the_picture_of_a_tour_is_large_and_has_no_bars_beside_it(
     assert place_of(window.panels["video"], window) == before, "another camera moves nothing"
 
 
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_hint_on_driving_takes_no_room_and_covers_no_title(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    show_picture(console, 640, 480)
+    before = {panel: place_of(part, window) for panel, part in window.panels.items()}
+    window.first_use.hint.begin()
+    QApplication.processEvents()
+    assert {panel: place_of(part, window) for panel, part in window.panels.items()} == before
+    hint, video = find(window, "drive_hint"), window.panels["video"]
+    assert isinstance(video, VideoPanel)
+    covered = place_of(hint, window)
+    assert before["video"].contains(covered), "whole, on the picture"
+    assert not any(covered.intersects(place_of(part, window)) for part in video.findChildren(ActionButton))
+
+
 def test_a_tour_begins_with_few_controls(opened: Open) -> None:
     window, console = opened("tour-guide")
     show_picture(console, 640, 480)
