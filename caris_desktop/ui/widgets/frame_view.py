@@ -625,16 +625,17 @@ def tag_places(
 
     Top left corner of each box's label of that width and height, in order; all in px.
 
-    A label is on top of its box, or inside its upper edge where the picture ends. If it would cover another label or
-    ``other_words``, it moves up by one or more rows, or down into its box; larger boxes, which are closer people, come
-    first. Without a free position it is None: overlapping names are illegible.
+    A label is on top of its box, or inside its upper edge where the picture ends, and whole in the picture. If it
+    would cover another label or ``other_words``, it moves up by one or more rows, or down into its box; larger boxes,
+    which are closer people, come first. Without a free position it is None: overlapping names are illegible.
     """
     places: list[QPointF | None] = [None] * len(boxes)
     taken = list(other_words)
     for number in sorted(range(len(boxes)), key=lambda number: -boxes[number].height()):
         box, (width, height) = boxes[number], tags[number]
+        left = max(picture.left(), min(box.left() - 1, picture.right() - width))
         for top in _rows(box, height, picture):
-            tag = QRectF(box.left() - 1, top, width, height)
+            tag = QRectF(left, top, width, height)
             if not any(tag.intersects(other) for other in taken):
                 taken.append(tag)
                 places[number] = tag.topLeft()
