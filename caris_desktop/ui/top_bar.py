@@ -29,9 +29,10 @@ _LEAST_PX = 640
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
 _SCENARIO_PX, _STRETCH_PX = 160, 110
 _TRIAL_PX = (150, 70)
-# Levels of shrinking at which each part shrinks or disappears; the text of Find is the first.
-_FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
-_TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
+# Levels of shrinking at which each part shrinks or disappears; the text of Find is the first. Whole names of scenario
+# and trial are worth more than the words of a button with an icon and a key.
+_FIND_SHRINKS, _ERROR_SHRINKS, _NAMES_SHRINK, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5, 6
+_TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 7, 8, 9, 10, 11
 
 _RECORD_TIPS = {
     "recording": QT_TR_NOOP("Pause or stop the recording"),
@@ -244,10 +245,11 @@ class TopBar(Bar, QWidget):
         """Minimum width of the bar at this level of shrinking."""
         always = (self._replay_badge, self.record_button, self.stretch_button, self.window_button, self.emergency)
         widths = [max(part.sizeHint().width(), part.minimumWidth()) for part in always if not part.isHidden()]
+        title_px, trial_px = self.scenario_button.sizeHint().width(), self._trial.sizeHint().width()
         if level < _ALL_GIVE_WAY:
-            widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
+            widths.append(title_px if level < _NAMES_SHRINK else min(title_px, _SCENARIO_PX))
         if self._trial.text() and level < _TRIAL_GOES:
-            widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
+            widths.append(trial_px if level < _NAMES_SHRINK else min(trial_px, _TRIAL_PX[level >= _TRIAL_SHRINKS]))
         widths += [button.width_with(text) for button, text, _name, visible in self._shrinking(level) if visible]
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 

@@ -21,9 +21,9 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import PhotoTaken
+from caris_desktop.domain.events import PhotoTaken, TrialDetails
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.live.status import LinkStatus, RecordingStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
@@ -155,6 +155,18 @@ def test_the_health_check_has_conversation_and_speech_largest_and_the_hand_over_
     console.calls.clear()
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_U, Qt.KeyboardModifier.ControlModifier)
     assert console.calls, "its key works in every group"
+
+
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_names_of_scenario_and_trial_are_whole_while_recording(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    console.state.recording.set(RecordingStatus("recording", clock.now_ns() - 3_600_000_000_000))
+    window._top_bar.show_details(TrialDetails("Lab visit", "P07", "B", "2", "Kim"))
+    QApplication.processEvents()
+    trial, scenario = find(window, "trial_label"), find(window, "scenario_button")
+    assert trial.accessibleName() == "P07 · condition B · trial 2"
+    for part in (trial, scenario, find(window, "mark_button"), find(window, "wizard_error_button")):
+        assert part.isVisible() and part.width() >= part.sizeHint().width(), part.objectName()
 
 
 def test_buttons_keep_their_place_when_the_focus_moves(window: MainWindow) -> None:
