@@ -2,7 +2,7 @@
 also over modal dialogs.
 """
 
-from PySide6.QtCore import QObject, QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMenu, QSizePolicy, QWidget
 
@@ -24,6 +24,7 @@ from caris_desktop.ui.widgets.labels import ElidedLabel, label
 HEIGHT_PX = 44
 ROOMY_PX = 1500
 _SIDE_PX, _GAP_PX = 8, 8
+_FRAME_PX = 4  # of a window, which a dialog that just opens has not got yet
 _LEAST_PX = 640
 # Maximum characters per name in a narrow and a wide window; the tooltip has the rest.
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
@@ -415,14 +416,20 @@ class EmergencyOverDialogs(QObject):
         window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
         window.destroyed.connect(self._on_copy_destroyed)
-        button = ActionButton(self._theme, self._button.text(), key=self._button.key, role="danger", height_px=40)
+        button = ActionButton(
+            self._theme, self._button.text(), key=self._button.key, role="danger", height_px=self._button.height()
+        )
         button.setObjectName("emergency_stop_copy")
+        button.setMinimumWidth(1)  # its margin may give way
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
         layout = layouts.vbox(window, margins_px=0)
         layout.addWidget(button)
-        window.resize(self._button.size())
-        window.move(self._button.mapToGlobal(QPoint(0, 0)))
+        place = QRect(self._button.mapToGlobal(QPoint()), self._button.size())
+        beside = dialog.frameGeometry().adjusted(0, 0, _FRAME_PX, 0)
+        if place.intersects(beside):  # it may lose its margin, so that it does not lie on the dialog's edge
+            place.setLeft(min(beside.right() + 1, place.left() + _SIDE_PX))
+        window.setGeometry(place)
         window.show()
         return window
 
