@@ -38,6 +38,7 @@ from caris_desktop.ui.preferences import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
+_FITTING_WEIGHT = 0.002  # a bar of two pixels beside the picture is not seen
 _NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
 
 
@@ -176,13 +177,15 @@ class LayoutStore(QObject):
     def _kind_now(self) -> SizeClass:
         if self._in_replay:
             return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
-        if not self._file.adapts or not self._docks.isVisible():
-            return "usual"
-        return size_class(self._docks.width(), self._height)
+        return size_class(self._docks.width(), self._height) if self._adapts_now else "usual"
+
+    @property
+    def _adapts_now(self) -> bool:
+        return self._file.adapts and self._docks.isVisible() and not self._in_replay
 
     def _baseline_of(self, kind: SizeClass) -> LayoutNode:
         """The layout from the file as shown before any change by the wizard."""
-        if kind in self._trees:
+        if kind in self._trees and not (kind == "usual" and self._adapts_now and self._aspect_known):
             return tidy(self._trees[kind])
         # In a replay, panel height follows from the video in it, which depends on the layout.
         if self._in_replay:
@@ -236,9 +239,9 @@ class LayoutStore(QObject):
         if kind != self._kind:
             self._board.show(self._load(kind))
             self._begin_reporting()
-        elif not self._touched and kind not in self._trees:
+        elif not self._touched:
             baseline = self._baseline_of(kind)
-            if self._baseline is None or differs(baseline, self._baseline, by=_SAME_WEIGHT):
+            if self._baseline is None or differs(baseline, self._baseline, by=_FITTING_WEIGHT):
                 self._baseline = baseline
                 self._board.show(arrangement_of(baseline))
                 self._begin_reporting()
@@ -297,10 +300,11 @@ class LayoutStore(QObject):
     @property
     def is_unsaved(self) -> bool:
         """Whether saving would change the file."""
-        tree = self._docks.tree
+        tree, saved = self._docks.tree, self._trees.get(self._kind)
         if tree is None or self._baseline is None:
             return False
-        return differs(tree, self._baseline, by=_SAME_WEIGHT)
+        # The file's own layout is shown without bars beside the picture.
+        return all(differs(tree, each, by=_SAME_WEIGHT) for each in (self._baseline, saved) if each is not None)
 
     @property
     def is_own(self) -> bool:

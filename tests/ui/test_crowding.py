@@ -169,6 +169,23 @@ def test_the_names_of_scenario_and_trial_are_whole_while_recording(opened: Open,
         assert part.isVisible() and part.width() >= part.sizeHint().width(), part.objectName()
 
 
+@pytest.mark.parametrize("size", [(1920, 1080), (2560, 1440)])
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+@pytest.mark.parametrize("picture_px", [(640, 480), (1280, 720)])
+def test_on_larger_screens_no_bars_lie_beside_the_picture(
+    opened: Open, name: str, size: tuple[int, int], picture_px: tuple[int, int]
+) -> None:
+    window, console = opened(name)
+    window.resize(*size)
+    QApplication.processEvents()
+    show_picture(console, *picture_px)
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    picture = panel.view.picture_rect()
+    assert panel.view.width() - picture.width() <= 4 and panel.view.height() - picture.height() <= 4
+    assert not window.layout_keeper.is_own, "nobody has changed the layout"
+
+
 def test_buttons_keep_their_place_when_the_focus_moves(window: MainWindow) -> None:
     def places() -> dict[str, QRect]:
         QApplication.processEvents()
