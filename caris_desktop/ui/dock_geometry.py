@@ -373,7 +373,8 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
             for panel in folded:
                 rest = _with_tabs(rest, PanelLeaf(panel))
             return _around_picture(tidy(rest), width, height, aspect)
-    lengths_at = {across: aspect * picture_height, down: picture_height}
+    in_column = 0 if in_row else max(_need_in_front(child, 0) for child, _share in around)
+    lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height}
     for depth, length in lengths_at.items():
         axis = 0 if depth == across else 1
         others = _others(splits[depth], path[depth])
