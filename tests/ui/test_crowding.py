@@ -23,13 +23,15 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PhotoTaken, TrialDetails
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import LinkStatus, RecordingStatus
+from caris_desktop.live.status import FaceStatus, LinkStatus, RecordingStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import ElidedLabel
+from tests.ui import samples
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -233,3 +235,33 @@ def test_a_banner_covers_neither_the_controls_on_the_picture_nor_its_labels(
     console.set_guard(on=True)
     QApplication.processEvents()
     assert place_of(photo, window) == before
+
+
+def test_a_narrow_conversation_says_what_is_proposed(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    samples.suggest(console)
+    QApplication.processEvents()
+    card = find(window, "proposal_card")
+    words, yes = card.findChildren(ElidedLabel)[0], find(window, "proposal_yes")
+    assert isinstance(yes, ActionButton)
+    window.resize(683, 384)
+    QApplication.processEvents()
+    assert card.isVisible() and words.width() > 90 and yes.width() >= yes.sizeHint().width()
+
+
+def test_on_a_small_screen_the_speak_panel_keeps_its_width(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    window.resize(911, 512)
+    show_picture(console, 640, 480)
+    assert window.panels["speak"].width() >= 380
+    assert "video" in window.dock_host.arrangement.in_front  # type: ignore[union-attr]
+
+
+def test_the_state_of_the_face_is_not_cut(opened: Open) -> None:
+    window, console = opened("mental-health-check")
+    show_picture(console, 640, 480)
+    console.state.face.set(FaceStatus("calm", "Calm", "calm", ("calm", "happy"), "face"))
+    QApplication.processEvents()
+    fact = find(window, "dock_face").findChild(QWidget, "panel_fact")
+    assert fact is not None and fact.accessibleName() == "calm · not on a screen"
+    assert fact.fontMetrics().horizontalAdvance(fact.accessibleName()) <= fact.width()

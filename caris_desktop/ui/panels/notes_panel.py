@@ -38,7 +38,7 @@ from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDele
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
 _TIME_ROLE = VALUE_ROLE + 1
 _LONGEST = 1000
-_SHARE_OF_STUDY = 0.5
+_SHARE_OF_STUDY, _SHARE_ALONE = 0.5, 0.62
 _AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
@@ -126,7 +126,7 @@ class NotesPanel(Panel):
         self.fit()
 
     def fit(self) -> None:
-        """Size the scenario's notes: as high as needed, at most half of the panel."""
+        """Size the scenario's notes: as high as needed, at most half of the panel, or more while it has no others."""
         text = self._of_study
         unfolded = self._unfolded
         if unfolded is None:
@@ -138,7 +138,8 @@ class NotesPanel(Panel):
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
-        text.setFixedHeight(min(needed, round(self.height() * _SHARE_OF_STUDY)))
+        share = _SHARE_OF_STUDY if self.state.notes.value else _SHARE_ALONE
+        text.setFixedHeight(min(needed, round(self.height() * share)))
 
     def focus_target(self) -> QWidget:
         return self.field if self._may_write else self.view
