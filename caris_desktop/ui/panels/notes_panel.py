@@ -38,7 +38,8 @@ from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDele
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
 _TIME_ROLE = VALUE_ROLE + 1
 _LONGEST = 1000
-_SHARE_OF_STUDY, _SHARE_ALONE = 0.5, 0.62
+_SHARE_OF_STUDY = 0.5
+_WITHOUT_NOTES_PX = 124  # the field, and two lines in place of the notes
 _AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
@@ -138,8 +139,10 @@ class NotesPanel(Panel):
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
-        share = _SHARE_OF_STUDY if self.state.notes.value else _SHARE_ALONE
-        text.setFixedHeight(min(needed, round(self.height() * share)))
+        most = round(self.height() * _SHARE_OF_STUDY)
+        if not self.state.notes.value:
+            most = max(most, self.height() - _WITHOUT_NOTES_PX)
+        text.setFixedHeight(min(needed, most))
 
     def focus_target(self) -> QWidget:
         return self.field if self._may_write else self.view
