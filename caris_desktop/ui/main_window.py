@@ -135,7 +135,6 @@ class MainWindow(PanelWindow, QWidget):
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.status_bar.picture_seen = self._picture_seen
         self.dock_host.layout_changed.connect(self.status_bar.refresh)
-        self.dock_host.laid_out.connect(self._leave_banners_clear)
         self._strip.placed.connect(self._leave_banners_clear)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.preferences = Preferences(console, self.wizards, self.board, self)

@@ -128,6 +128,19 @@ def test_the_hint_on_driving_takes_no_room_and_covers_no_title(opened: Open, nam
     assert not any(covered.intersects(place_of(part, window)) for part in video.findChildren(ActionButton))
 
 
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_hint_on_driving_covers_no_tab_on_a_small_screen(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    window.resize(911, 512)
+    show_picture(console, 640, 480)
+    window.first_use.hint.begin()
+    QApplication.processEvents()
+    covered = place_of(find(window, "drive_hint"), window)
+    bars = window.dock_host.bars
+    assert any("video" in bar.panels for bar in bars), "the picture is one of several tabs here"
+    assert not any(covered.intersects(place_of(bar, window)) for bar in bars)
+
+
 def test_a_tour_begins_with_few_controls(opened: Open) -> None:
     window, console = opened("tour-guide")
     show_picture(console, 640, 480)
