@@ -174,6 +174,8 @@ class NoticeStrip(Bar, QWidget):
         shown = [band for band in self._bands if not band.isHidden()]
         needed = sum(band.needed_px for band in shown) + tokens.GRID_PX * (len(shown) - 1)
         width = min(needed, self._over.width() - 2 * _EDGE_PX)
+        for band in shown:  # each whole if there is room, else by their shares
+            band.setMinimumWidth(band.needed_px if width == needed else 0)
         place = QRect(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
         tabs = [bar.geometry().bottom() for bar in self._over.bars if bar.geometry().intersects(place)]
         self.setGeometry(place.translated(0, max(tabs, default=0)))

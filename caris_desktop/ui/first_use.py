@@ -148,7 +148,6 @@ class DriveHint(Banner):
             self._leave.stop()
             self._practise.hide()
             self._show()
-            self.show()
 
     def end(self) -> None:
         """Hide the hint for good."""
@@ -197,6 +196,9 @@ class DriveHint(Banner):
             text = text.format(**keys)
         if text != self.accessibleName():
             self.say(text)
+        if self._waits:
+            state = self._console.state.drive.value
+            self.setVisible(self._console.scenario.permissions.driving and not state.emergency_stop)
 
 
 _BUTTON_PX = 30
