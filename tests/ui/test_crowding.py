@@ -1,6 +1,7 @@
 """Small laptop: share of the picture, controls before anything is done, and what stays in its place."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -260,6 +261,18 @@ def test_a_narrow_conversation_says_what_is_proposed(opened: Open) -> None:
     window.resize(683, 384)
     QApplication.processEvents()
     assert card.isVisible() and words.width() > 90 and yes.width() >= yes.sizeHint().width()
+
+
+def test_a_picture_has_room_for_motion_goal_and_obstacle(opened: Open) -> None:
+    window, console = opened("mental-health-check")
+    show_picture(console, 1280, 720)
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel) and panel.view.width() < 450
+    words = ("Moving · 0.35 m/s · 4°/s", "Going to Out of the way, 6.2 m left", "Obstacle 3.3 m ahead")
+    panel.view.show_chips([(text, "video_text") for text in words])
+    places = {text: place for text, _role, place in panel.view._chip_places()}
+    assert set(places) == set(words), "none is left out where another row has room"
+    assert not any(one.intersects(other) for one, other in itertools.combinations(places.values(), 2))
 
 
 def test_on_a_small_screen_the_speak_panel_keeps_its_width(opened: Open) -> None:
