@@ -23,6 +23,7 @@ from caris_desktop.ui.widgets.accessible_descriptions import (
     TOLD_EVERY_MS,
     RecentlyVisible,
     ThrottledAccessibleDescription,
+    sentences,
     video_description,
 )
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -70,9 +71,7 @@ class VideoPanel(Panel):
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
         self._seen = RecentlyVisible()
-        self._description = ThrottledAccessibleDescription(
-            self.view, lambda: video_description(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
-        )
+        self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)
         self._parts = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
@@ -286,6 +285,11 @@ class VideoPanel(Panel):
         self._seen.add(self.view, now_s)
         self._description.changed()
         self.strip.refresh()
+
+    def _accessible_text(self) -> str:
+        """People in view, warnings, and whether the robot moves, without its speed, which always changes."""
+        moving = "" if self.motion is None else tr(self.motion.sign.word)
+        return sentences((video_description(self.view, self._seen.names), moving))
 
     def _hints(self) -> list[tuple[str, str]]:
         """Hints on how to drive, or why driving is refused."""
