@@ -17,6 +17,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.accessibility import announce
 from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.dock_area import DockArea
 from caris_desktop.ui.focus_widget import Bar, focused_widget, window_of
 from caris_desktop.ui.input.drive_input_filter import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.theme import Theme
@@ -138,13 +139,13 @@ class QuestionBanner(Banner):
 
 
 class NoticeStrip(Bar, QWidget):
-    """Visible banners side by side over the upper edge of the panels, as wide as their texts if there is room. They
-    move nothing. ``placed``: they came, changed or went.
+    """Visible banners side by side over the upper edge of the panels, below their tabs, as wide as their texts if there
+    is room. They move nothing. ``placed``: they came, changed or went.
     """
 
     placed = Signal()
 
-    def __init__(self, over: QWidget, bands: Mapping[Banner, int]) -> None:
+    def __init__(self, over: DockArea, bands: Mapping[Banner, int]) -> None:
         """``bands`` from left to right, with their share of the width where it is short."""
         super().__init__(over)
         self.setObjectName("notice_strip")
@@ -154,18 +155,18 @@ class NoticeStrip(Bar, QWidget):
         for band, share in bands.items():
             row.addWidget(band, share)
             band.installEventFilter(self)
-        over.installEventFilter(self)
+        over.laid_out.connect(self._place)
         self.hide()
 
     def use_replay(self) -> None:
         """Stay hidden: what the banners tell was then."""
-        for watched in (self._over, *self._bands):
-            watched.removeEventFilter(self)
+        self._over.laid_out.disconnect(self._place)
+        for band in self._bands:
+            band.removeEventFilter(self)
         self.hide()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        kinds = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
-        if event.type() in kinds if watched is not self._over else event.type() == QEvent.Type.Resize:
+        if event.type() in (QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest):
             self._place()
         return super().eventFilter(watched, event)
 
@@ -173,7 +174,11 @@ class NoticeStrip(Bar, QWidget):
         shown = [band for band in self._bands if not band.isHidden()]
         needed = sum(band.needed_px for band in shown) + tokens.GRID_PX * (len(shown) - 1)
         width = min(needed, self._over.width() - 2 * _EDGE_PX)
-        self.setGeometry(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
+        for band in shown:  # each whole if there is room, else by their shares
+            band.setMinimumWidth(band.needed_px if width == needed else 0)
+        place = QRect(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
+        tabs = [bar.geometry().bottom() for bar in self._over.bars if bar.geometry().intersects(place)]
+        self.setGeometry(place.translated(0, max(tabs, default=0)))
         self.setVisible(bool(shown))
         self.raise_()
         self.placed.emit()

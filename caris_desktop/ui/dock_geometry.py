@@ -310,27 +310,51 @@ def size_class(width: int, height: int) -> SizeClass:
 
 
 def fitted(tree: LayoutNode, width: int, height: int, aspect: float | None = None) -> LayoutNode:
-    """The tree adapted to this size, and on a small screen to pictures with this ``aspect``: as large as the others
-    permit, without bars beside them.
+    """The tree adapted to this size, and to pictures with this ``aspect``, so that no bars lie beside them: on a small
+    screen as large as the others permit, else in the room that the tree gives them.
     """
     kind = size_class(width, height)
     if kind == "compact":
         small = tidy(_compact(tidy(tree), width, height))
         return small if aspect is None else tidy(_around_picture(small, width, height, aspect))
-    return tidy(_spread(tidy(tree), width, height)) if kind == "large" else tidy(tree)
+    whole = tidy(_spread(tidy(tree), width, height)) if kind == "large" else tidy(tree)
+    return whole if aspect is None else tidy(_without_bars(whole, width, height, aspect))
+
+
+def _picture_room(tree: LayoutNode, width: int, height: int) -> tuple[list[int | None], list[int], list[int]]:
+    """Across and down: the depth of the nearest split on the way to the picture, the length that its parts share, and
+    the extent of the picture's group.
+    """
+    depths: list[int | None] = [None, None]
+    totals, extent = [0, 0], [width, height]
+    path = path_of(tree, "video")
+    for depth, index in enumerate(path):
+        split = split_at(tree, path[:depth])
+        axis = 0 if split.split == "horizontal" else 1
+        depths[axis] = depth
+        totals[axis] = extent[axis] - GAP_PX * (len(split.children) - 1)
+        extent[axis] = round(totals[axis] * shares(split)[index])
+    return depths, totals, extent
+
+
+def _without_bars(tree: LayoutNode, width: int, height: int, aspect: float) -> LayoutNode:
+    """The tree with the panel of the picture as large as the picture in it; its neighbours share the rest as before."""
+    depths, totals, (across_px, down_px) = _picture_room(tree, width, height)
+    axis, length = (1, across_px / aspect) if across_px < down_px * aspect else (0, down_px * aspect)
+    depth, path = depths[axis], path_of(tree, "video")
+    if depth is None or "video" not in map(front_of, groups_in(tree)):
+        return tree
+    part_of = shares(split_at(tree, path[:depth]))
+    share = length / totals[axis]
+    rest = (1 - share) / (1 - part_of[path[depth]])
+    weights = tuple(share if i == path[depth] else part * rest for i, part in enumerate(part_of))
+    return with_weights(tree, path[:depth], weights)
 
 
 def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) -> LayoutNode:
     path = path_of(tree, "video")
-    splits, room = [split_at(tree, path[:depth]) for depth in range(len(path))], (width, height)
-    nearest: dict[str, int] = {}
-    totals, now = [0, 0], [width, height]
-    for depth, (split, index) in enumerate(zip(splits, path, strict=True)):
-        axis = 0 if split.split == "horizontal" else 1
-        nearest[split.split] = depth
-        totals[axis] = now[axis] - GAP_PX * (len(split.children) - 1)
-        now[axis] = round(totals[axis] * shares(split)[index])
-    across, down = nearest.get("horizontal"), nearest.get("vertical")
+    splits = [split_at(tree, path[:depth]) for depth in range(len(path))]
+    (across, down), totals, now = _picture_room(tree, width, height)
     if across is None or down is None:
         return tree
     beside, around = (_others(splits[depth], path[depth]) for depth in (across, down))
@@ -348,8 +372,9 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
         if rest is not None and isinstance(rest, SplitNode):
             for panel in folded:
                 rest = _with_tabs(rest, PanelLeaf(panel))
-            return _around_picture(tidy(rest), *room, aspect)
-    lengths_at = {across: aspect * picture_height, down: picture_height}
+            return _around_picture(tidy(rest), width, height, aspect)
+    in_column = 0 if in_row else max(_need_in_front(child, 0) for child, _share in around)
+    lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height}
     for depth, length in lengths_at.items():
         axis = 0 if depth == across else 1
         others = _others(splits[depth], path[depth])

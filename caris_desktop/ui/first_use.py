@@ -16,10 +16,11 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import IconLabel, label
+from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.window_place import Settings
 from caris_desktop.ui.windows import RobotChooser
 
@@ -50,7 +51,7 @@ class FirstUse(QObject):
         self,
         theme: Theme,
         console: WizardConsole,
-        actions: Actions,
+        hint: "DriveHint",
         robots: RobotChooser,
         window: QWidget,
         *,
@@ -63,7 +64,7 @@ class FirstUse(QObject):
         self._window = window
         self._settings = settings
         self._page: SetUpPage | None = None
-        self.hint = DriveHint(theme, console, actions)
+        self.hint = hint
         self.hint.driven.connect(lambda: self._persist(DRIVEN_KEY, "yes"))
 
     def begin(self, *, with_simulated_robot: bool) -> None:
@@ -105,41 +106,30 @@ _FIRST_METRE_M = 1.0
 _PRAISED_MS = 20_000
 
 
-class DriveHint(Bar, QWidget):
-    """Hint line on how to drive; it disappears after the first metre.
+class DriveHint(Banner):
+    """Hint on how to drive; it disappears after the first metre.
 
     ``driven`` after a metre of driving; then ``practise_requested`` if the wizard continues with the practice. Hidden
     until ``begin``.
     """
 
-    accessible_role = QAccessible.Role.StaticText
-
     driven = Signal()
     practise_requested = Signal()
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
-        super().__init__()
-        self.setObjectName("drive_hint")
+        super().__init__(theme, "drive_hint", role="blue")
         self._console = console
         self._actions = actions
         self._from: Pose2D | None = None
         self._driven_m = 0.0
         self._waits = False
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self._icon = IconLabel(theme)
-        self._text = label("", wraps=True)
-        self._practise = ActionButton(
-            theme, tr("Practise the rest"), icon="student", height_px=28, objectName="drive_hint_practise",
-            clicked=self._on_practise,
-        )  # fmt: skip
+        restyle(self.text, role="detail")
+        self._practise = self.add_button(
+            "drive_hint_practise", tr("Practise the rest"), self._on_practise, icon="student"
+        )
         self._practise.hide()
-        close = ActionButton(
-            theme, icon="x", role="ghost", height_px=28, objectName="drive_hint_close",
-            accessibleName=tr("Close this hint"), clicked=self.end,
-        )  # fmt: skip
-        parts = self._icon, (self._text, 1), self._practise, close
-        layouts.hbox(self, *parts, margins_px=(20, 5, 10, 5), spacing_px=10)
+        close = tr("Close this hint")
+        self.add_button("drive_hint_close", "", self.end, icon="x", role="ghost", accessibleName=close, toolTip=close)
         self._leave = QTimer(self, singleShot=True, interval=_PRAISED_MS)
         self._leave.timeout.connect(self.hide)
         state = console.state
@@ -149,11 +139,6 @@ class DriveHint(Bar, QWidget):
         state.practice.changed.connect(self._on_practice)
         state.scenario.changed.connect(self._on_scenario)
         actions.keys_changed.connect(self._show)
-        self.hide()
-
-    @property
-    def text(self) -> str:
-        return self._text.text()
 
     def begin(self) -> None:
         """Show the hint and wait for a metre of driving."""
@@ -163,7 +148,6 @@ class DriveHint(Bar, QWidget):
             self._leave.stop()
             self._practise.hide()
             self._show()
-            self.show()
 
     def end(self) -> None:
         """Hide the hint for good."""
@@ -210,10 +194,11 @@ class DriveHint(Bar, QWidget):
         else:
             text = tr("Hold {drive_forward} to drive, {turn_left} or {turn_right} to turn. Release the key to stop.")
             text = text.format(**keys)
-        if text != self._text.text():
-            self._text.setText(text)
-            self.setAccessibleName(text)
-        self._icon.show_icon("check-circle" if self._leave.isActive() else "game-controller", "blue")
+        if text != self.accessibleName():
+            self.say(text)
+        if self._waits:
+            state = self._console.state.drive.value
+            self.setVisible(self._console.scenario.permissions.driving and not state.emergency_stop)
 
 
 _BUTTON_PX = 30

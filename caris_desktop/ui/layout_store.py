@@ -38,6 +38,7 @@ from caris_desktop.ui.preferences import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
+_FITTING_WEIGHT = 0.002  # a bar of two pixels beside the picture is not seen
 _NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
 
 
@@ -102,7 +103,7 @@ class LayoutStore(QObject):
         self._recorded: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
         self._in_replay = False
-        self._borrowers: tuple[QWidget, ...] = ()
+        self._borrower: QWidget | None = None
         self._aspect = 4 / 3
         self._aspect_known = False
         self._kind: SizeClass = "usual"
@@ -122,19 +123,19 @@ class LayoutStore(QObject):
         console.state.frame.changed.connect(self._on_frame)
         console.state.robot.changed.connect(self._on_robot)
 
-    def lend_room_to(self, *strips: QWidget) -> None:
-        """Set the banners above the panels, whose appearance does not count as another window size."""
-        self._borrowers = strips
+    def lend_room_to(self, strip: QWidget) -> None:
+        """Set the strip above the panels, whose appearance does not count as another window size."""
+        self._borrower = strip
 
     @property
     def _height(self) -> int:
-        """Height available to the panels, without counting banners."""
-        borrowed, width = 0, self._docks.window().width()
-        for strip in self._borrowers:
-            if not strip.isHidden():  # a banner that just appears gets its size after the panels
-                wraps = strip.hasHeightForWidth()
-                borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
-        return self._docks.height() + borrowed
+        """Height available to the panels, without counting the strip."""
+        strip = self._borrower
+        if strip is None or strip.isHidden():
+            return self._docks.height()
+        # A strip that just appears gets its size after the panels.
+        wraps, width = strip.hasHeightForWidth(), self._docks.window().width()
+        return self._docks.height() + (strip.heightForWidth(width) if wraps else strip.sizeHint().height())
 
     def _on_robot(self, _robot: object) -> None:
         self._aspect_known = False
@@ -176,13 +177,15 @@ class LayoutStore(QObject):
     def _kind_now(self) -> SizeClass:
         if self._in_replay:
             return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
-        if not self._file.adapts or not self._docks.isVisible():
-            return "usual"
-        return size_class(self._docks.width(), self._height)
+        return size_class(self._docks.width(), self._height) if self._adapts_now else "usual"
+
+    @property
+    def _adapts_now(self) -> bool:
+        return self._file.adapts and self._docks.isVisible() and not self._in_replay
 
     def _baseline_of(self, kind: SizeClass) -> LayoutNode:
         """The layout from the file as shown before any change by the wizard."""
-        if kind in self._trees:
+        if kind in self._trees and not (kind == "usual" and self._adapts_now and self._aspect_known):
             return tidy(self._trees[kind])
         # In a replay, panel height follows from the video in it, which depends on the layout.
         if self._in_replay:
@@ -236,9 +239,9 @@ class LayoutStore(QObject):
         if kind != self._kind:
             self._board.show(self._load(kind))
             self._begin_reporting()
-        elif not self._touched and kind not in self._trees:
+        elif not self._touched:
             baseline = self._baseline_of(kind)
-            if self._baseline is None or differs(baseline, self._baseline, by=_SAME_WEIGHT):
+            if self._baseline is None or differs(baseline, self._baseline, by=_FITTING_WEIGHT):
                 self._baseline = baseline
                 self._board.show(arrangement_of(baseline))
                 self._begin_reporting()
@@ -297,10 +300,11 @@ class LayoutStore(QObject):
     @property
     def is_unsaved(self) -> bool:
         """Whether saving would change the file."""
-        tree = self._docks.tree
+        tree, saved = self._docks.tree, self._trees.get(self._kind)
         if tree is None or self._baseline is None:
             return False
-        return differs(tree, self._baseline, by=_SAME_WEIGHT)
+        # The file's own layout is shown without bars beside the picture.
+        return all(differs(tree, each, by=_SAME_WEIGHT) for each in (self._baseline, saved) if each is not None)
 
     @property
     def is_own(self) -> bool:

@@ -25,7 +25,7 @@ from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GR
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.first_use import FirstUse, PracticeStrip
+from caris_desktop.ui.first_use import DriveHint, FirstUse, PracticeStrip
 from caris_desktop.ui.focus_widget import PanelWindow
 from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
@@ -108,7 +108,9 @@ class MainWindow(PanelWindow, QWidget):
         # Permanent parts
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBanner(self.theme)
+        hint = DriveHint(self.theme, console, self.actions_table)
         bands = {EmergencyBanner(self.theme, console): 3, GuardBanner(self.theme, console): 2, self._question: 4}
+        bands[hint] = 2
         self.dock_host = DockHost()
         self._strip = NoticeStrip(self.dock_host, bands)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
@@ -135,7 +137,6 @@ class MainWindow(PanelWindow, QWidget):
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.status_bar.picture_seen = self._picture_seen
         self.dock_host.layout_changed.connect(self.status_bar.refresh)
-        self.dock_host.laid_out.connect(self._leave_banners_clear)
         self._strip.placed.connect(self._leave_banners_clear)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.preferences = Preferences(console, self.wizards, self.board, self)
@@ -146,9 +147,8 @@ class MainWindow(PanelWindow, QWidget):
         for card in (self._going_on, self._saved):
             self.problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
-        self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
-        self._column.insertWidget(self._column.indexOf(self._top_bar) + 1, self.first_use.hint)
-        self.layout_keeper.lend_room_to(self.first_use.hint, self.practice)
+        self.first_use = FirstUse(self.theme, console, hint, self.robots, self, settings=settings)
+        self.layout_keeper.lend_room_to(self.practice)
         self.first_use.hint.practise_requested.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
         self.faces = FaceWindows(self.theme, console, self)

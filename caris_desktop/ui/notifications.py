@@ -2,11 +2,11 @@
 what to do; and the list of active alarms. Never a modal dialog.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QMouseEvent
-from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractButton, QComboBox, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ANSWER, Problem, Severity
@@ -32,6 +32,7 @@ from caris_desktop.ui.widgets.popups import Popup
 from caris_desktop.ui.widgets.rows import show_rows
 from caris_desktop.ui.window_place import PLACE_CHANGES, InSight, windows_above
 
+_CONTROLS = QAbstractButton, QComboBox, QLineEdit
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}
 LOOKS: dict[Severity, tuple[str, str, str]] = {
@@ -195,10 +196,14 @@ class NotificationPopups(InSight):
             card.fold(card is not open_card)
         if not self._over.isVisibleTo(self._over.window()):
             return None
-        clear_of = (card for card in self._clear_of if card.isVisible())
-        taken = [QRect(self._over.mapFromGlobal(card.mapToGlobal(QPoint())), card.size()) for card in clear_of]
+        taken = self._places_of(card for card in self._clear_of if card.isVisible())
         taken += [window.place_in(self._over) for window in windows_above(self._over.window())]
-        return card_place(self._over.placing.groups, self._height_for, taken)
+        parts = [part for kind in _CONTROLS for part in self._over.findChildren(kind)]
+        controls = [part for part in parts if part.isVisible() and not self.isAncestorOf(part)]
+        return card_place(self._over.placing.groups, self._height_for, taken, self._places_of(controls))
+
+    def _places_of(self, parts: Iterable[QWidget]) -> list[QRect]:
+        return [QRect(self._over.mapFromGlobal(part.mapToGlobal(QPoint())), part.size()) for part in parts]
 
     def _open_whole(self, card: "NotificationPopup") -> None:
         self._opened = card
@@ -341,14 +346,29 @@ is at the bottom.
 """
 
 
+def _without_controls(room: QRect, controls: Sequence[QRect]) -> QRect:
+    """Highest part of ``room`` above, between or below the controls."""
+    found, top = QRect(), room.top()
+    edges = sorted((each.top(), each.bottom() + 1) for each in controls if each.intersects(room))
+    for upper, lower in (*edges, (room.bottom() + 1, 0)):
+        if upper - top > found.height():
+            found = QRect(room.left(), top, room.width(), upper - top)
+        top = max(top, lower)
+    return found
+
+
 def card_place(
-    groups: Sequence[GroupPlace], height_for: Callable[[int], int], taken: Sequence[QRect] = ()
+    groups: Sequence[GroupPlace],
+    height_for: Callable[[int], int],
+    taken: Sequence[QRect] = (),
+    controls: Sequence[QRect] = (),
 ) -> QRect | None:
     """Rectangle over the least important panel with enough room; None if there is none.
 
     At the upper end of video and transcript, because the ground ahead and the newest words are further down; at the
     lower end elsewhere. ``groups``: tab groups as laid out, in px of the dock area. ``height_for``: height of the
-    popups for a width. ``taken``: areas of popups that ask a question and must not be covered.
+    popups for a width. ``taken``: areas of popups that ask a question and must not be covered; ``controls``: of buttons
+    and fields, which must not be covered either.
     """
     rooms = {group.current: below(group.body, TITLE_PX) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
@@ -360,8 +380,9 @@ def card_place(
             continue
         width = min(CARD_WIDEST_PX, room.width() - 2 * _BESIDE_PX)
         height = height_for(width) if width >= _NARROWEST_PX else room.height()
-        if height + 2 * _BESIDE_PX <= room.height() * share:
-            top = room.top() + _BESIDE_PX if name in _LAST else room.bottom() + 1 - height - _BESIDE_PX
+        free = _without_controls(room, controls)
+        if height + 2 * _BESIDE_PX <= min(free.height(), room.height() * share):
+            top = free.top() + _BESIDE_PX if name in _LAST else free.bottom() + 1 - height - _BESIDE_PX
             found = QRect(room.right() + 1 - width - _BESIDE_PX, top, width, height)
             if not any(found.intersects(each) for each in taken):
                 return found

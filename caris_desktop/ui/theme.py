@@ -276,9 +276,6 @@ QWidget#practice_strip {{
     background: {colors.panel}; border: 1px solid {colors.blue}; border-radius: {tokens.PANEL_RADIUS_PX}px;
     margin: 1px 8px;
 }}
-QWidget#drive_hint {{
-    background: {colors.blue_soft}; border: 1px solid {colors.blue}; border-radius: {radius}px; margin: 3px 8px;
-}}
 QWidget#top_bar, QWidget#protocol_strip {{
     background: {colors.panel}; border-bottom: 1px solid {colors.line};
 }}

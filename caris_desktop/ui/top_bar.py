@@ -2,7 +2,7 @@
 also over modal dialogs.
 """
 
-from PySide6.QtCore import QObject, QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMenu, QSizePolicy, QWidget
 
@@ -24,14 +24,16 @@ from caris_desktop.ui.widgets.labels import ElidedLabel, label
 HEIGHT_PX = 44
 ROOMY_PX = 1500
 _SIDE_PX, _GAP_PX = 8, 8
+_FRAME_PX = 4  # of a window, which a dialog that just opens has not got yet
 _LEAST_PX = 640
 # Maximum characters per name in a narrow and a wide window; the tooltip has the rest.
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
 _SCENARIO_PX, _STRETCH_PX = 160, 110
 _TRIAL_PX = (150, 70)
-# Levels of shrinking at which each part shrinks or disappears; the text of Find is the first.
-_FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
-_TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
+# Levels of shrinking at which each part shrinks or disappears; the text of Find is the first. Whole names of scenario
+# and trial are worth more than the words of a button with an icon and a key.
+_FIND_SHRINKS, _ERROR_SHRINKS, _NAMES_SHRINK, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5, 6
+_TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 7, 8, 9, 10, 11
 
 _RECORD_TIPS = {
     "recording": QT_TR_NOOP("Pause or stop the recording"),
@@ -244,10 +246,11 @@ class TopBar(Bar, QWidget):
         """Minimum width of the bar at this level of shrinking."""
         always = (self._replay_badge, self.record_button, self.stretch_button, self.window_button, self.emergency)
         widths = [max(part.sizeHint().width(), part.minimumWidth()) for part in always if not part.isHidden()]
+        title_px, trial_px = self.scenario_button.sizeHint().width(), self._trial.sizeHint().width()
         if level < _ALL_GIVE_WAY:
-            widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
+            widths.append(title_px if level < _NAMES_SHRINK else min(title_px, _SCENARIO_PX))
         if self._trial.text() and level < _TRIAL_GOES:
-            widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
+            widths.append(trial_px if level < _NAMES_SHRINK else min(trial_px, _TRIAL_PX[level >= _TRIAL_SHRINKS]))
         widths += [button.width_with(text) for button, text, _name, visible in self._shrinking(level) if visible]
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 
@@ -412,14 +415,20 @@ class EmergencyOverDialogs(QObject):
         window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
         window.destroyed.connect(self._on_copy_destroyed)
-        button = ActionButton(self._theme, self._button.text(), key=self._button.key, role="danger", height_px=40)
+        button = ActionButton(
+            self._theme, self._button.text(), key=self._button.key, role="danger", height_px=self._button.height()
+        )
         button.setObjectName("emergency_stop_copy")
+        button.setMinimumWidth(1)  # its margin may give way
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
         layout = layouts.vbox(window, margins_px=0)
         layout.addWidget(button)
-        window.resize(self._button.size())
-        window.move(self._button.mapToGlobal(QPoint(0, 0)))
+        place = QRect(self._button.mapToGlobal(QPoint()), self._button.size())
+        beside = dialog.frameGeometry().adjusted(0, 0, _FRAME_PX, 0)
+        if place.intersects(beside):  # it may lose its margin, so that it does not lie on the dialog's edge
+            place.setLeft(min(beside.right() + 1, place.left() + _SIDE_PX))
+        window.setGeometry(place)
         window.show()
         return window
 

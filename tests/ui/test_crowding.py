@@ -1,6 +1,7 @@
 """Small laptop: share of the picture, controls before anything is done, and what stays in its place."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -21,15 +22,17 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import PhotoTaken
+from caris_desktop.domain.events import PhotoTaken, TrialDetails
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import LinkStatus
+from caris_desktop.live.status import FaceStatus, LinkStatus, RecordingStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import ElidedLabel
+from tests.ui import samples
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -111,6 +114,34 @@ def test_the_picture_of_a_tour_is_large_and_has_no_bars_beside_it(
     assert place_of(window.panels["video"], window) == before, "another camera moves nothing"
 
 
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_hint_on_driving_takes_no_room_and_covers_no_title(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    show_picture(console, 640, 480)
+    before = {panel: place_of(part, window) for panel, part in window.panels.items()}
+    window.first_use.hint.begin()
+    QApplication.processEvents()
+    assert {panel: place_of(part, window) for panel, part in window.panels.items()} == before
+    hint, video = find(window, "drive_hint"), window.panels["video"]
+    assert isinstance(video, VideoPanel)
+    covered = place_of(hint, window)
+    assert before["video"].contains(covered), "whole, on the picture"
+    assert not any(covered.intersects(place_of(part, window)) for part in video.findChildren(ActionButton))
+
+
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_hint_on_driving_covers_no_tab_on_a_small_screen(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    window.resize(911, 512)
+    show_picture(console, 640, 480)
+    window.first_use.hint.begin()
+    QApplication.processEvents()
+    covered = place_of(find(window, "drive_hint"), window)
+    bars = window.dock_host.bars
+    assert any("video" in bar.panels for bar in bars), "the picture is one of several tabs here"
+    assert not any(covered.intersects(place_of(bar, window)) for bar in bars)
+
+
 def test_a_tour_begins_with_few_controls(opened: Open) -> None:
     window, console = opened("tour-guide")
     show_picture(console, 640, 480)
@@ -140,6 +171,35 @@ def test_the_health_check_has_conversation_and_speech_largest_and_the_hand_over_
     console.calls.clear()
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_U, Qt.KeyboardModifier.ControlModifier)
     assert console.calls, "its key works in every group"
+
+
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+def test_the_names_of_scenario_and_trial_are_whole_while_recording(opened: Open, name: str) -> None:
+    window, console = opened(name)
+    console.state.recording.set(RecordingStatus("recording", clock.now_ns() - 3_600_000_000_000))
+    window._top_bar.show_details(TrialDetails("Lab visit", "P07", "B", "2", "Kim"))
+    QApplication.processEvents()
+    trial, scenario = find(window, "trial_label"), find(window, "scenario_button")
+    assert trial.accessibleName() == "P07 · condition B · trial 2"
+    for part in (trial, scenario, find(window, "mark_button"), find(window, "wizard_error_button")):
+        assert part.isVisible() and part.width() >= part.sizeHint().width(), part.objectName()
+
+
+@pytest.mark.parametrize("size", [(1920, 1080), (2560, 1440)])
+@pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
+@pytest.mark.parametrize("picture_px", [(640, 480), (1280, 720)])
+def test_on_larger_screens_no_bars_lie_beside_the_picture(
+    opened: Open, name: str, size: tuple[int, int], picture_px: tuple[int, int]
+) -> None:
+    window, console = opened(name)
+    window.resize(*size)
+    QApplication.processEvents()
+    show_picture(console, *picture_px)
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    picture = panel.view.picture_rect()
+    assert panel.view.width() - picture.width() <= 4 and panel.view.height() - picture.height() <= 4
+    assert not window.layout_keeper.is_own, "nobody has changed the layout"
 
 
 def test_buttons_keep_their_place_when_the_focus_moves(window: MainWindow) -> None:
@@ -189,3 +249,45 @@ def test_a_banner_covers_neither_the_controls_on_the_picture_nor_its_labels(
     console.set_guard(on=True)
     QApplication.processEvents()
     assert place_of(photo, window) == before
+
+
+def test_a_narrow_conversation_says_what_is_proposed(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    samples.suggest(console)
+    QApplication.processEvents()
+    card = find(window, "proposal_card")
+    words, yes = card.findChildren(ElidedLabel)[0], find(window, "proposal_yes")
+    assert isinstance(yes, ActionButton)
+    window.resize(683, 384)
+    QApplication.processEvents()
+    assert card.isVisible() and words.width() > 90 and yes.width() >= yes.sizeHint().width()
+
+
+def test_a_picture_has_room_for_motion_goal_and_obstacle(opened: Open) -> None:
+    window, console = opened("mental-health-check")
+    show_picture(console, 1280, 720)
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel) and panel.view.width() < 450
+    words = ("Moving · 0.35 m/s · 4°/s", "Going to Out of the way, 6.2 m left", "Obstacle 3.3 m ahead")
+    panel.view.show_chips([(text, "video_text") for text in words])
+    places = {text: place for text, _role, place in panel.view._chip_places()}
+    assert set(places) == set(words), "none is left out where another row has room"
+    assert not any(one.intersects(other) for one, other in itertools.combinations(places.values(), 2))
+
+
+def test_on_a_small_screen_the_speak_panel_keeps_its_width(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    window.resize(911, 512)
+    show_picture(console, 640, 480)
+    assert window.panels["speak"].width() >= 380
+    assert "video" in window.dock_host.arrangement.in_front  # type: ignore[union-attr]
+
+
+def test_the_state_of_the_face_is_not_cut(opened: Open) -> None:
+    window, console = opened("mental-health-check")
+    show_picture(console, 640, 480)
+    console.state.face.set(FaceStatus("calm", "Calm", "calm", ("calm", "happy"), "face"))
+    QApplication.processEvents()
+    fact = find(window, "dock_face").findChild(QWidget, "panel_fact")
+    assert fact is not None and fact.accessibleName() == "calm · not on a screen"
+    assert fact.fontMetrics().horizontalAdvance(fact.accessibleName()) <= fact.width()

@@ -301,6 +301,8 @@ def test_the_legend_names_what_is_shown_and_gives_way(panel: MapPanel, console: 
     assert all(panel.rect().contains(QRect(label.mapTo(panel, QPoint()), label.size())) for label in labels)
     console.go_to(Pose2D(8.0, 6.0, 0.0))
     assert words()[-1] == "goal"
+    console.go_to_place("Kitchen")
+    assert "goal" not in words(), "the place has its name there"
     panel.view.show_scan(None)
     assert "LIDAR" not in words()
     panel.resize(400, 150)

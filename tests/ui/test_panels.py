@@ -44,6 +44,7 @@ from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.panels.session_panel import LOG_LEAST_LINES, LOG_LINE_PX, LOG_ROWS, SessionPanel
 from caris_desktop.ui.panels.speak_panel import QueueList
 from caris_desktop.ui.panels.video_panel import VideoPanel
+from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.text_formatting import microphone_facts
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import (
@@ -234,7 +235,14 @@ def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow,
     assert console.calls == []
     click(qtbot, find(window, "go_to_Kitchen"))
     assert console.calls == [("go_to_place", "Kitchen")]
-    assert panel.fact == ("going to Kitchen · 3.2 m left", "green")
+    video, item = window.panels["video"], find(window, "status_bar").findChild(StatusItem, "status_motion")
+    assert isinstance(video, VideoPanel) and item is not None
+    going = "Going to Kitchen, 3.2 m left"
+    qtbot.waitUntil(lambda: going in dict(video.view.chips))
+    assert "Kitchen" not in panel.fact[0] + item.text, "said once"
+    window.close_panel("video")
+    window.status_bar.refresh()
+    assert going in item.text and "Kitchen" not in panel.fact[0], "also without the picture"
     click(qtbot, find(window, "goal_cancel"))
     assert console.calls[-1] == ("cancel_goal", None)
 

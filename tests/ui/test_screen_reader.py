@@ -125,6 +125,7 @@ def test_the_picture_the_map_and_the_transcript_have_descriptions(window: MainWi
         assert interface is not None
         told[name] = interface.role().name, interface.text(QAccessible.Text.Description)
     assert told["video_view"][0] == told["map_view"][0] == "Graphic"
+    assert told["video_view"][1].endswith(("Still.", "Moving.")), "as the label on the picture says"
     assert told["video_view"][1].startswith("In the picture: ") and told["map_view"][1].startswith("The robot is at")
     assert told["transcript"][0] == "List"
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QByteArray, QPoint, QRect, Qt
+from PySide6.QtCore import QByteArray, QPoint, QRect, QSize, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QScrollArea, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QLabel, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -214,6 +214,27 @@ def test_the_start_dialog_can_be_skipped(qtbot: QtBot, window: MainWindow, conso
     click(qtbot, find(window, "record_button"))
     click(qtbot, find(window, "start_dialog_skip"))
     assert console.calls == [("start_session", TrialDetails())]
+
+
+def test_the_red_button_over_a_dialog_is_as_in_the_bar_and_not_on_the_edge_of_the_dialog(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    red = find(window, "emergency_stop")
+    bar = QRect(red.mapToGlobal(QPoint()), red.size())
+    for over_px in (-40, 4):
+        dialog = QDialog(window)
+        dialog.setModal(True)
+        dialog.setGeometry(QRect(QPoint(bar.left() + over_px - 300, bar.top()), QSize(300, 200)))
+        dialog.show()
+        qtbot.waitUntil(lambda dialog=dialog: dialog.findChild(QWidget, "emergency_over_dialog") is not None)
+        copy = dialog.findChild(QWidget, "emergency_over_dialog")
+        assert copy is not None
+        place = copy.geometry()
+        assert (place.top(), place.right(), place.height()) == (bar.top(), bar.right(), bar.height())
+        assert not place.intersects(dialog.geometry())
+        assert place.width() >= bar.width() - 8, "its margin only"
+        dialog.close()
+        dialog.deleteLater()
 
 
 @pytest.mark.panels("video", "session")

@@ -122,7 +122,7 @@ def legend(state: MapState, *, has_grid: bool) -> list[tuple[str, str, str]]:
         (lidar and state.scan_points_m is not None and len(state.scan_points_m) > 0, "lidar", "•••", tr("LIDAR")),
         (has_grid, "map_wall", "▬", tr("wall")),
         (has_grid, "map_unknown", "□", tr("unknown")),
-        (state.goal is not None, "green", "○", tr("goal")),
+        (state.goal is not None and not state.goal.place, "green", "○", tr("goal")),
     )
     return [(role, symbol, word) for is_shown, role, symbol, word in shown if is_shown]
 

@@ -4,7 +4,7 @@ from bisect import bisect_right
 from functools import partial
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
-from PySide6.QtGui import QFontMetricsF, QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetricsF, QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
 from caris_desktop.conversation.conversation_transcript import LATE_S, Turn, in_order, next_speaker, waiting
@@ -27,13 +27,14 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, restyle
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail, image_of
 
 _ROW_PX, _LOW_ROW_PX = 40, 28
 LOW_BELOW_PX = 300
 """Panel height below which suggestions are compact, so that the transcript stays visible."""
 _COUNT_EVERY_MS = 100
+_ROOMY_CARD_PX = 400
 
 
 class SuggestionCards(QWidget):
@@ -47,8 +48,8 @@ class SuggestionCards(QWidget):
         self._context = context
         self._state = context.console.state
         self.cards = [_Card(context, rank) for rank in range(1, MOST_REPLIES + 1)]
-        self._from = label("", "small", objectName="suggestions_from")
-        self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._from = ElidedLabel(role="small")
+        self._from.setObjectName("suggestions_from")
         self._dismiss = ActionButton(
             context.theme, tr("Dismiss all"), role="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
@@ -95,7 +96,6 @@ class SuggestionCards(QWidget):
         late = self._late(status, now_ns)
         text = late or self._made_from(status)
         self._from.setText(text)
-        self._from.setToolTip(text)
         restyle(self._from, tone="amber" if late or status.state == "failed" else "dim")
         self._from.setVisible(bool(text) and (not self._low or bool(late) or status.state == "failed"))
         dismissable = bool(status.cards) or (bool(late) and self._state.levels.value.fillers == "act")
@@ -583,6 +583,11 @@ class ProposalCard(Banner):
         self.setFixedHeight(34 if low else 44)
         for button in (self.yes, self.no):
             button.set_size(height_px=26 if low else 32, text_px=tokens.STATUS_PX if low else tokens.BODY_PX)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        for button in (self.yes, self.no):  # the question is worth more than the key caps
+            button.set_key_shown(self.width() >= _ROOMY_CARD_PX)
 
     def _answer(self, answer: type[intents.ConfirmProposal] | type[intents.VetoProposal]) -> None:
         proposal: ProposalStatus = self._state.proposal.value

@@ -20,7 +20,7 @@ from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
 
-_LOW_PX, _NARROW_PX = 330, 430
+_LOW_PX, _NARROW_PX = 330, 480
 
 
 class FacePanel(Panel):

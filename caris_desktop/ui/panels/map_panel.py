@@ -505,13 +505,10 @@ class MapPanel(Panel):
                 )
             case _:
                 text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
+        # The picture or the status bar says where the robot goes; the map draws it, but not whether the robot agreed.
         goal: GoalChanged | None = state.goal.value
-        if goal is not None and goal.state in text_formatting.UNDER_WAY:
-            # Requested until the robot accepts the goal.
-            going = tr("going to {place}") if goal.state == "active" else tr("asked to go to {place}")
-            text, role = going.format(place=goal.place or tr("a point")), "green"
-            if goal.distance_left_m is not None:
-                text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
+        if goal is not None and goal.state == "requested":
+            text, role = tr("goal not accepted yet"), "dim"
         elif self.view.follow:
             text = " · ".join(filter(None, (text, tr("following robot"))))
         elif state.mapping.value.mapping:

@@ -39,6 +39,7 @@ _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
 _TIME_ROLE = VALUE_ROLE + 1
 _LONGEST = 1000
 _SHARE_OF_STUDY = 0.5
+_WITHOUT_NOTES_PX = 124  # the field, and two lines in place of the notes
 _AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
@@ -126,7 +127,7 @@ class NotesPanel(Panel):
         self.fit()
 
     def fit(self) -> None:
-        """Size the scenario's notes: as high as needed, at most half of the panel."""
+        """Size the scenario's notes: as high as needed, at most half of the panel, or more while it has no others."""
         text = self._of_study
         unfolded = self._unfolded
         if unfolded is None:
@@ -138,7 +139,10 @@ class NotesPanel(Panel):
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
-        text.setFixedHeight(min(needed, round(self.height() * _SHARE_OF_STUDY)))
+        most = round(self.height() * _SHARE_OF_STUDY)
+        if not self.state.notes.value:
+            most = max(most, self.height() - _WITHOUT_NOTES_PX)
+        text.setFixedHeight(min(needed, most))
 
     def focus_target(self) -> QWidget:
         return self.field if self._may_write else self.view

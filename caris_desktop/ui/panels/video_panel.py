@@ -23,6 +23,7 @@ from caris_desktop.ui.widgets.accessible_descriptions import (
     TOLD_EVERY_MS,
     RecentlyVisible,
     ThrottledAccessibleDescription,
+    sentences,
     video_description,
 )
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -70,9 +71,7 @@ class VideoPanel(Panel):
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
         self._seen = RecentlyVisible()
-        self._description = ThrottledAccessibleDescription(
-            self.view, lambda: video_description(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
-        )
+        self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)
         self._parts = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
@@ -260,18 +259,22 @@ class VideoPanel(Panel):
             chips.append((self.fact[0], "warning" if self.fact[1] == "amber" else "video_text"))
         if self.motion is not None:
             chips.append((self.motion.text, self.motion.role))
+        ahead: list[tuple[str, str]] = []
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:
-            chips.append((tr("The direction of the LIDAR is unknown"), "video_text"))
+            ahead = [(tr("The direction of the LIDAR is unknown"), "video_text")]
         elif state.scan.freshness == "fresh":
             head = state.head.value if state.head.freshness == "fresh" else None
             away = gaze_is_away(state.robot.value, self.view.frame, head)
             text, warns = ahead_words(ahead_of(state.scan.value), away)
-            chips.append((text, "warning" if warns else "video_text"))
+            ahead = [(text, "warning" if warns else "video_text")]
         elif state.scan.freshness in ("stale", "lost"):
             late = tr("LIDAR latency {age}").format(age=text_formatting.age(state.scan.age_s() or 0.0))
-            chips.append((late if state.scan.arrives_late else tr("LIDAR is silent"), "warning"))
+            ahead = [(late if state.scan.arrives_late else tr("LIDAR is silent"), "warning")]
         if going := text_formatting.goal_now(state.goal.value):
-            chips.append((going, "hint"))
+            # A small picture has room for the first labels only: for the goal rather than for what is far ahead.
+            far = bool(ahead) and ahead[0][1] == "video_text"
+            ahead.insert(0 if far else len(ahead), (going, "hint"))
+        chips += ahead
         chips += self._hints()
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")
@@ -282,6 +285,11 @@ class VideoPanel(Panel):
         self._seen.add(self.view, now_s)
         self._description.changed()
         self.strip.refresh()
+
+    def _accessible_text(self) -> str:
+        """People in view, warnings, and whether the robot moves, without its speed, which always changes."""
+        moving = "" if self.motion is None else tr(self.motion.sign.word)
+        return sentences((video_description(self.view, self._seen.names), moving))
 
     def _hints(self) -> list[tuple[str, str]]:
         """Hints on how to drive, or why driving is refused."""

@@ -494,22 +494,15 @@ class FrameView(QWidget):
             draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
 
     def _chip_places(self) -> list[tuple[str, str, QRectF]]:
-        """Texts, roles and rectangles of labels that fit, in at most two rows at the lower edge."""
+        """Texts, roles and rectangles of labels that fit: each in the lower of two rows if it has room there."""
         metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
-        left, top = 12.0, self.height() - 46.0
-        places = []
+        lefts, places = [12.0, 12.0], []
         for text, role in self.chips:
             width = math.ceil(metrics.horizontalAdvance(text)) + 24.0 + (22 if role in _CHIP_ICONS else 0)
-            if left + width > self.width() - 8:
-                if left <= 12.0:
-                    continue
-                if top < self.height() - 50:
-                    break
-                left, top = 12.0, top - 40
-                if width > self.width() - 20:
-                    continue
-            places.append((text, role, QRectF(left, top, width, 34)))
-            left += width + 8
+            row = next((row for row, left in enumerate(lefts) if left + width <= self.width() - 8), None)
+            if row is not None:
+                places.append((text, role, QRectF(lefts[row], self.height() - 46.0 - 40 * row, width, 34)))
+                lefts[row] += width + 8
         return places
 
     def _paint_chip(self, text: str, role: str, width: float, painter: QPainter) -> None:
@@ -596,16 +589,17 @@ def tag_places(
 
     Top left corner of each box's label of that width and height, in order; all in px.
 
-    A label is on top of its box, or inside its upper edge where the picture ends. If it would cover another label or
-    ``other_words``, it moves up by one or more rows, or down into its box; larger boxes, which are closer people, come
-    first. Without a free position it is None: overlapping names are illegible.
+    A label is on top of its box, or inside its upper edge where the picture ends, and whole in the picture. If it
+    would cover another label or ``other_words``, it moves up by one or more rows, or down into its box; larger boxes,
+    which are closer people, come first. Without a free position it is None: overlapping names are illegible.
     """
     places: list[QPointF | None] = [None] * len(boxes)
     taken = list(other_words)
     for number in sorted(range(len(boxes)), key=lambda number: -boxes[number].height()):
         box, (width, height) = boxes[number], tags[number]
+        left = max(picture.left(), min(box.left() - 1, picture.right() - width))
         for top in _rows(box, height, picture):
-            tag = QRectF(box.left() - 1, top, width, height)
+            tag = QRectF(left, top, width, height)
             if not any(tag.intersects(other) for other in taken):
                 taken.append(tag)
                 places[number] = tag.topLeft()

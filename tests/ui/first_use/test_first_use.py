@@ -30,6 +30,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
 from caris_desktop.ui.set_up_page import LivePicture, SetUpPage, steps_for
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.labels import ElidedLabel
 from caris_desktop.ui.windows import RobotChooser
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find
@@ -308,6 +309,21 @@ def test_there_is_no_hint_where_nobody_may_drive(
     assert hint.isVisible()
 
 
+def test_the_hint_gives_way_to_an_emergency_stop(window: MainWindow, console: FakeConsole) -> None:
+    window.first_use.hint.begin()
+    assert window.first_use.hint.isVisible()
+    console.emergency_stop()
+    assert not window.first_use.hint.isVisible()
+    console.clear_emergency_stop()
+    assert window.first_use.hint.isVisible()
+    console.set_guard(on=False)
+    QApplication.processEvents()
+    for name in ("guard_band", "drive_hint"):
+        band = find(window, name)
+        (words,) = band.findChildren(ElidedLabel)
+        assert words.width() >= words.sizeHint().width(), "whole side by side"
+
+
 def test_the_hint_goes_with_the_first_metre(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
 ) -> None:
@@ -324,7 +340,7 @@ def test_the_hint_goes_with_the_first_metre(
     assert DRIVEN_KEY not in settings.values
     drive(console, 3.2)
     assert settings.values[DRIVEN_KEY] == "yes"
-    assert "first metre" in hint.text
+    assert "first metre" in hint.accessibleName()
     wanted: list[bool] = []
     hint.practise_requested.connect(lambda: wanted.append(True))
     click(qtbot, find(hint, "drive_hint_practise"))

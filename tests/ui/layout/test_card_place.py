@@ -2,11 +2,12 @@
 
 import pytest
 from PySide6.QtCore import QPoint, QRect
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, place
@@ -58,6 +59,34 @@ def test_speaking_and_driving_are_never_covered_and_too_tall_ones_go_to_the_corn
     assert card_place(across("map", "speak"), lambda _width: 500) is None
     corner = in_the_corner(AREA, lambda _width: 900)
     assert (corner.top(), corner.right()) == (0, AREA.right() - 20)
+
+
+def test_buttons_and_fields_are_not_covered() -> None:
+    groups = across("face", "speak")
+    room = groups[0].body
+    buttons = [QRect(20, 540, 120, 30), QRect(150, 540, 120, 30)]
+    found = card_place(groups, lambda _width: 150, controls=buttons)
+    assert found is not None and room.contains(found) and found.bottom() < 540
+    assert card_place(groups, lambda _width: 450, controls=buttons) is not None
+    assert card_place(groups, lambda _width: 450, controls=[QRect(20, 300, 120, 30)]) is None
+
+
+def test_the_expressions_of_the_face_stay_at_hand(window: MainWindow, console: FakeConsole) -> None:
+    console.scenario = load_scenario(layouts_dir() / "mental-health-check.yaml")
+    console.state.scenario.reset_value(console.scenario)
+    window.board.complete()
+    console.state.face.set(FaceStatus("calm", "Calm", "calm", ("calm", "happy", "surprised", "thinking"), "face"))
+    QApplication.processEvents()
+    no_sound = Problem(1, "warning", "This computer has no sound output", "It means this.", "Do that.")
+    console.state.add(no_sound)
+    QApplication.processEvents()
+    cards = window.problems
+    assert cards.isVisible()
+    shown = _place_of(cards, window)
+    assert shown.intersects(_place_of(window.panels["face"], window))
+    buttons = [part for part in window.panels["face"].findChildren(QAbstractButton) if part.isVisible()]
+    assert len(buttons) >= 4
+    assert not any(shown.intersects(_place_of(button, window)) for button in buttons)
 
 
 def test_nothing_comes_over_what_requests_an_answer() -> None:
@@ -112,6 +141,10 @@ def _taken(window: MainWindow) -> dict[str, QRect]:
             taken[f"title of {name}"] = _place_of(title, window)
         if panel is not None and panel.isVisible() and name in ("speak", "drive"):
             taken[name] = _place_of(panel, window)
+        if dock.isVisible() and name not in ("speak", "drive"):
+            for part in dock.findChildren(QAbstractButton):
+                if part.isVisible() and _place_of(dock, window).contains(_place_of(part, window)):
+                    taken[f"{part.accessibleName()} in {name}"] = _place_of(part, window)
     for number, bar in enumerate(window.dock_host.bars):
         taken[f"tabs {number}"] = _place_of(bar, window)
     return taken
