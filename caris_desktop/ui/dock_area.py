@@ -617,11 +617,13 @@ class PanelTabs(Bar, QTabBar):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         index = self.tabAt(event.position().toPoint())
-        pressed = self.panels[index] if event.button() == Qt.MouseButton.LeftButton and index >= 0 else None
+        # The empty part of the bar belongs to the panel below it, like a title.
+        panel = self.panels[index if index >= 0 else self.currentIndex()]
         super().mousePressEvent(event)
-        if pressed is not None:
-            self._requests.press(pressed, event, times_start_distance=_TAB_DRAG_FACTOR)
-            self._requests.tab_clicked.emit(pressed)
+        if event.button() == Qt.MouseButton.LeftButton:
+            if index >= 0:
+                self._requests.press(panel, event, times_start_distance=_TAB_DRAG_FACTOR)
+            self._requests.tab_clicked.emit(panel)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         self._requests.move(event)

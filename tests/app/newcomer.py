@@ -205,6 +205,7 @@ def _takes_a_suggestion(newcomer: Newcomer, _driven_m: Callable[[], float]) -> N
 
 def _recovers_the_link(newcomer: Newcomer, driven_m: Callable[[], float]) -> None:
     newcomer.finds("No link")
+    newcomer.waits_for(lambda: newcomer.sees("No link") is None, "the link is back")
     newcomer.finds("Still")
     drives_a_metre(newcomer, driven_m, 0.4)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QSettings
+from PySide6.QtGui import QAccessible
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
@@ -19,6 +20,7 @@ class Sitting:
     """A new user with the window of the demonstration."""
 
     def __init__(self, folder: Path) -> None:
+        QAccessible.setActive(True)  # as for a screen reader: it reads the window
         settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
         self.run = ConsoleRun(default_arguments(demo=True, study=folder / "study"), settings=settings)
         self._driven_m = 0.0

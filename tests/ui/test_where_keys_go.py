@@ -236,6 +236,19 @@ def test_a_click_on_a_tab_gives_the_keys_to_that_panels_main_field(tabbed: tuple
                 assert asked(console) == [], name
 
 
+def test_a_click_beside_the_tabs_gives_the_keys_to_the_panel_below(tabbed: tuple[MainWindow, FakeConsole]) -> None:
+    window, _console = tabbed
+    beside = 0
+    for bar in list(window.dock_host.bars):
+        at = QPoint(bar.width() - 4, bar.height() // 2)
+        if bar.tabAt(at) < 0 and bar.childAt(at) is None:
+            find(window, "speak_field").setFocus()
+            QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=at)
+            assert focused() is window.panels[bar.panels[bar.currentIndex()]].focus_target()
+            beside += 1
+    assert beside
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -18,7 +18,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import IdentityQuestion, as_permitted, with_one_question
-from caris_desktop.ui.robot_motion import RobotMotion, ahead_of, ahead_words, gaze_is_away
+from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.widgets.accessible_descriptions import (
     TOLD_EVERY_MS,
     RecentlyVisible,
@@ -86,7 +86,7 @@ class VideoPanel(Panel):
         self._cameras.activated.connect(self._on_camera_chosen)
         self.motion = None if context.observed else RobotMotion(self.state, self)
         if self.motion is not None:
-            self.motion.changed.connect(self._refresh)
+            self.motion.changed.connect(self._on_motion_changed)
         self._frame_times_s: list[float] = []
         self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
@@ -285,6 +285,11 @@ class VideoPanel(Panel):
         self._seen.add(self.view, now_s)
         self._description.changed()
         self.strip.refresh()
+
+    def _on_motion_changed(self) -> None:
+        self._refresh()
+        if self.motion is not None and self.motion.sign is MOTION_SIGNS["unlinked"]:
+            self._description.changed_urgently()
 
     def _accessible_text(self) -> str:
         """People in view, warnings, and whether the robot moves, without its speed, which always changes."""

@@ -39,6 +39,11 @@ class ThrottledAccessibleDescription(QObject):
         else:
             self._notify()
 
+    def changed_urgently(self) -> None:
+        """Update the description now."""
+        if QAccessible.isActive():
+            self._notify()
+
     def _notify(self) -> None:
         self._waits = False
         self._rest.start()
@@ -52,8 +57,8 @@ class ThrottledAccessibleDescription(QObject):
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         # Update on focus, and for a screen reader started meanwhile.
-        if event.type() in _LOOKS and QAccessible.isActive():
-            self._notify()
+        if event.type() in _LOOKS:
+            self.changed_urgently()
         return False
 
 
