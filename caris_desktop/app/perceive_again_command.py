@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
-from caris_desktop.perception.camera_schedule import CameraTurning
+from caris_desktop.perception.camera_schedule import CameraRotation
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
 from caris_desktop.perception.offline_smoothing import looked_back
@@ -171,7 +171,7 @@ def _layer(
     layer = _CameraLayer()
     count = len(videos.frame_times_ns(camera))
     model = _camera_model(session, camera)
-    turns, turning = _turns(session), CameraTurning()
+    turns, turning = _turns(session), CameraRotation()
     waiting = next(turns, None)
     for number, picture in enumerate(_decoded_ahead(videos, camera, count)):
         if picture is None:

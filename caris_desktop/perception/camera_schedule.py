@@ -20,7 +20,7 @@ _RATE_OVER_NS = 4_000_000_000
 _MAX_COUNTED = 400
 
 
-class CameraRotation:
+class CameraSchedule:
     """Newest frame per camera. The displayed camera leads: a detection on another one replaces one on it, so that
     more cameras add no load. For one thread, or under a lock.
     """
@@ -111,7 +111,7 @@ _HISTORY = 100
 _NOT_OLDER_NS = 500_000_000
 
 
-class CameraTurning:
+class CameraRotation:
     """Buffers the last seconds. ``take`` from any thread, the rest from one."""
 
     def __init__(self) -> None:

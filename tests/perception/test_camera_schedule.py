@@ -7,7 +7,7 @@ from caris_desktop.perception.camera_schedule import (
     OTHERS_EVERY_NS,
     SILENT_AFTER_NS,
     TO_COVER_EVERY_NS,
-    CameraRotation,
+    CameraSchedule,
     DetectionRate,
 )
 
@@ -18,7 +18,7 @@ def frame(camera: str, sequence: int = 1) -> FrameRef:
     return FrameRef(sequence, None, camera, "ring", 0, sequence, 4, 3)
 
 
-def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, start_ns: int = 0) -> Counter[str]:
+def looks(turns: CameraSchedule, cameras: tuple[str, ...], *, seconds: int, start_ns: int = 0) -> Counter[str]:
     """Number of requests per camera if each sends ten frames a second and detection takes no time."""
     looked: Counter[str] = Counter()
     for number in range(10 * seconds):
@@ -32,7 +32,7 @@ def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, star
 
 
 def test_one_camera_gets_every_look_and_its_newest_picture() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     assert looks(turns, ("front",), seconds=2) == {"front": 20}
     assert turns.pop(now_ns=2000 * MS) is None
     assert turns.offer(frame("front", 50), now_ns=2000 * MS), "a look is due"
@@ -41,7 +41,7 @@ def test_one_camera_gets_every_look_and_its_newest_picture() -> None:
 
 
 def test_two_cameras_make_no_more_work_than_one() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     looked = looks(turns, ("front", "rear"), seconds=10)
     assert looked.total() <= 101
@@ -50,7 +50,7 @@ def test_two_cameras_make_no_more_work_than_one() -> None:
 
 
 def test_with_blurring_the_other_camera_is_scheduled_as_often() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     turns.others_every_ns = TO_COVER_EVERY_NS
     looked = looks(turns, ("front", "rear"), seconds=10)
@@ -59,7 +59,7 @@ def test_with_blurring_the_other_camera_is_scheduled_as_often() -> None:
 
 
 def test_each_of_several_others_has_its_turn() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     looked = looks(turns, ("front", "left", "right", "rear"), seconds=10)
     assert looked.total() <= 101
@@ -68,7 +68,7 @@ def test_each_of_several_others_has_its_turn() -> None:
 
 def test_a_slow_detector_sees_both_cameras() -> None:
     """Detection takes half a second: frames of both always wait."""
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     looked: Counter[str] = Counter()
     for number in range(20):
@@ -82,7 +82,7 @@ def test_a_slow_detector_sees_both_cameras() -> None:
 
 
 def test_the_camera_that_is_shown_leads_from_then_on() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     looks(turns, ("front", "rear"), seconds=2)
     turns.show("rear")
@@ -91,7 +91,7 @@ def test_the_camera_that_is_shown_leads_from_then_on() -> None:
 
 
 def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
     assert turns.pop(now_ns=0) is not None
@@ -101,7 +101,7 @@ def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
 
 
 def test_a_removed_camera_is_not_scheduled() -> None:
-    turns = CameraRotation()
+    turns = CameraSchedule()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
     turns.forget()
@@ -111,7 +111,7 @@ def test_a_removed_camera_is_not_scheduled() -> None:
 
 
 def test_the_detection_rate_of_each_camera_is_reported() -> None:
-    turns, rates = CameraRotation(), DetectionRate()
+    turns, rates = CameraSchedule(), DetectionRate()
     turns.show("front")
     for number in range(100):
         now_ns = number * 100 * MS

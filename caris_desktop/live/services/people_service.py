@@ -65,7 +65,7 @@ from caris_desktop.perception.camera_schedule import (
     OTHERS_EVERY_NS,
     TO_COVER_EVERY_NS,
     CameraRotation,
-    CameraTurning,
+    CameraSchedule,
     DetectionRate,
 )
 from caris_desktop.perception.inference_messages import (
@@ -109,7 +109,7 @@ class PerceptionWorker(QObject):
         """What is to be done in the worker's thread."""
         self._presence: PresenceTracker
         self._turns_lock = threading.Lock()
-        self._turns = CameraRotation()
+        self._schedule = CameraSchedule()
         self._detection_rates = DetectionRate()
         self.child: ChildProcess | None = None
         self.restarts = Restarts()
@@ -120,7 +120,7 @@ class PerceptionWorker(QObject):
         self._everybody_reported_ns = 0
         self._everybody: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
-        self._turning = CameraTurning()
+        self._rotation = CameraRotation()
         self._cameras: dict[str, CameraModel] = {}
         self._faces = self._to_cover = False
         self._watch = PluginWatch()
@@ -143,20 +143,20 @@ class PerceptionWorker(QObject):
     def offer(self, ref: FrameRef) -> None:
         """Offer a new frame, which replaces an unused one of its camera."""
         with self._turns_lock:
-            detection_due = self._turns.offer(ref, now_ns=clock.now_ns())
+            detection_due = self._schedule.offer(ref, now_ns=clock.now_ns())
         if detection_due:
             self._inputs.put(lambda: None)
 
     def show_camera(self, name: str) -> None:
         """Set the camera on display: others get a lower detection rate."""
         with self._turns_lock:
-            self._turns.show(name)
+            self._schedule.show(name)
 
     def require_blurring(self, to_cover: bool) -> None:
         """Set whether people must be blurred in the recordings of all cameras."""
         self._to_cover = to_cover
         with self._turns_lock:
-            self._turns.others_every_ns = TO_COVER_EVERY_NS if to_cover else OTHERS_EVERY_NS
+            self._schedule.others_every_ns = TO_COVER_EVERY_NS if to_cover else OTHERS_EVERY_NS
 
     def limit_detection_rate(self, seconds: float) -> None:
         """Set a minimum interval between detections, to leave the processor to others."""
@@ -165,13 +165,13 @@ class PerceptionWorker(QObject):
     def forget_cameras(self) -> None:
         """Reset for another robot: its cameras differ, and nobody is present."""
         with self._turns_lock:
-            self._turns.forget()
+            self._schedule.forget()
         self._inputs.put(self._forget_cameras)
 
     def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry | DepthGrid) -> None:
         """Add sensor data for people's positions and for camera motion."""
         if isinstance(value, HeadState | Odometry):
-            self._turning.add(value)
+            self._rotation.add(value)
         if not isinstance(value, Odometry):
             self._locator.add(value)
 
@@ -246,7 +246,7 @@ class PerceptionWorker(QObject):
             if self._ready and rested and not self._busy and child is not None:
                 self._requested_ns = clock.now_ns()
                 with self._turns_lock:
-                    self._pending = self._turns.pop(now_ns=self._requested_ns)
+                    self._pending = self._schedule.pop(now_ns=self._requested_ns)
                 self._busy = self._pending is not None and child.send(self._detection_request(self._pending))
             self._show_persons(self._presence)
         if self.child is not None:
@@ -275,7 +275,7 @@ class PerceptionWorker(QObject):
 
     def _forget_cameras(self) -> None:
         self._pending = None
-        self._turning.forget()
+        self._rotation.forget()
         self._detection_rates.forget()
         self._restart_tracks()
 
@@ -367,7 +367,7 @@ class PerceptionWorker(QObject):
         camera = self._cameras.get(frame.camera)
         if camera is None:
             return DetectionRequest(frame, faces=self._faces, to_cover=self._to_cover)
-        direction = self._turning.direction(frame.shown_ns, on_head=camera.on_head)
+        direction = self._rotation.direction(frame.shown_ns, on_head=camera.on_head)
         return DetectionRequest(frame, direction, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
     def _report_ended(self, advice: str) -> None:
