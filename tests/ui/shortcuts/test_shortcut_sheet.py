@@ -12,6 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import intents
 from caris_desktop.scenario.phrases import Phrase
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
+from caris_desktop.ui.input.drive_input_filter import _NEVER
 from caris_desktop.ui.key_choices import Keys, as_text
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.shortcut_sheet import KeyCell, ShortcutRow, ShortcutSheet
@@ -106,6 +107,7 @@ def desk(qtbot: QtBot, window: MainWindow) -> Iterator[Desk]:
     freshen(console)
     find(window, "speak_field").setFocus()
     desk = Desk(qtbot, window, console)
+    window.hold._last_escape = _NEVER  # of the test before, with which one more would be the emergency stop
     console.calls.clear()
     yield desk
     desk.sheet.close_overlay()
