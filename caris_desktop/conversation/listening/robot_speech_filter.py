@@ -26,9 +26,9 @@ _HARDLY_RESIDUE, _MORE_LETTERS = 0.87, 300.0
 """And a sentence where next to nothing else was heard: a participant is never so much softer than the robot."""
 _LEAST_BESIDE_ROBOT_NS = 450_000_000
 """While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
-_UNSURE, _UNSURE_WITHIN_NS, _UNSURE_SHARE = 0.45, 1_800_000_000, 0.75
-"""Of what is left of the robot a recogniser makes words that it does not believe itself: a few, or where most of the
-sound was the robot. Participants over a robot have 0.67 at most with so little confidence.
+_UNSURE, _UNSURE_WITHIN_NS, _UNSURE_SHARE = 0.45, 1_800_000_000, 0.8
+"""Of what is left of the robot a recogniser makes words that it does not believe itself: a few, or where nearly all of
+the sound was the robot.
 """
 _SAME_MOMENT_S = 0.7
 """So exactly it is known when a word is heard and when the robot says it, with a pause in its sentence."""
