@@ -4,6 +4,7 @@ import gc
 import random
 import weakref
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from PySide6.QtCore import QEvent, QSize, Qt
@@ -128,6 +129,18 @@ def test_the_picture_the_map_and_the_transcript_have_descriptions(window: MainWi
     assert told["video_view"][1].endswith(("Still.", "Moving.")), "as the label on the picture says"
     assert told["video_view"][1].startswith("In the picture: ") and told["map_view"][1].startswith("The robot is at")
     assert told["transcript"][0] == "List"
+
+
+@pytest.mark.usefixtures("screen_reader")
+@pytest.mark.panels("video")
+def test_a_lost_link_is_told_at_once(window: MainWindow) -> None:
+    console = window._console
+    assert isinstance(console, FakeConsole)
+    window.open_panel("video")
+    settle()
+    console.state.link.set(replace(console.state.link.value, state="lost"))
+    settle()
+    assert find(window, "video_view").accessibleDescription().endswith("No link.")
 
 
 class _Painted(QWidget):
