@@ -10,12 +10,12 @@
 set -euo pipefail
 
 distro=jazzy
-extra=()
+test=no
 folder=${XDG_DATA_HOME:-$HOME/.local/share}/caris-desktop/ros2
 while (($#)); do
   case $1 in
     --distro) distro=${2:?--distro requires a name} && shift ;;
-    --test) extra+=(test-msgs) ;;
+    --test) test=yes ;;
     -*)
       echo "ros2.sh: unknown argument '$1' (known: --distro, --test)" >&2
       exit 2
@@ -27,9 +27,10 @@ done
 
 packages=()
 for name in rclpy rmw-fastrtps-cpp common-interfaces std-srvs geometry-msgs sensor-msgs nav-msgs action-msgs \
-  trajectory-msgs "${extra[@]}"; do
+  trajectory-msgs; do
   packages+=("ros-$distro-$name")
 done
+if [[ $test == yes ]]; then packages+=("ros-$distro-test-msgs" rosbridge-server-rs); fi
 python=$(command -v python3) || { echo "ros2.sh: python3 is not installed." >&2; exit 1; }
 "$python" -m venv "$folder"
 # empy, which ROS's generators of messages require, is published as source only.

@@ -193,8 +193,8 @@ class BridgedActionClient:
         self._uuid_without_proof: tuple[str, str] | None = None
         # Their answers were lost with the link that they were requested over.
         self._unanswered: set[str] = set()
-        # A cancel before the goal was accepted had no effect.
-        self._cancelled: dict[str, None] = {}
+        # Times of the last cancel: one before the goal was accepted had no effect.
+        self._cancelled: dict[str, float] = {}
         ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
         status_type = "action_msgs/GoalStatusArray"
         self._status = RosbridgeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
@@ -208,6 +208,7 @@ class BridgedActionClient:
         def feedback(values: Mapping[str, Any]) -> None:
             self._with_feedback = wire_ids[0]
             self._name_proven()
+            self._cancel_again(wire_ids[0])
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
@@ -241,7 +242,7 @@ class BridgedActionClient:
 
     def cancel(self, wire_id: str) -> None:
         self._client.cancel_goal(wire_id)
-        self._cancelled[wire_id] = None
+        self._cancelled[wire_id] = time.monotonic()
         while len(self._cancelled) > _REMEMBERED_GOALS:
             del self._cancelled[next(iter(self._cancelled))]
         uuid_hex = self._uuid_of.get(wire_id)
@@ -250,6 +251,14 @@ class BridgedActionClient:
             self._call_cancel(encode_cancel_goal(uuid_hex))
         elif self._uuid_without_proof is not None and self._uuid_without_proof[0] == wire_id:
             asyncio.get_running_loop().call_later(_PROVEN_WITHIN_S, self._cancel_without_proof, wire_id)
+
+    def _cancel_again(self, wire_id: str) -> None:
+        """End a goal that goes on after its cancel: a restarted rosbridge may lose its acceptance and its listing."""
+        now_s = time.monotonic()
+        due = wire_id in self._cancelled and now_s - self._cancelled[wire_id] >= _PROVEN_WITHIN_S
+        if due and wire_id not in self._uuid_of:
+            self._cancelled[wire_id] = now_s
+            self.cancel_all()
 
     def _cancel_without_proof(self, wire_id: str) -> None:
         """For a server without feedback, behind a rosbridge that does not cancel: end whatever moves the robot."""

@@ -47,8 +47,8 @@ logger = logging.getLogger(__name__)
 # A newly started rosbridge reaches the base only after DDS discovery, 2.5 s after it has accepted the first zeros
 # (measured with Fast DDS), later on a busy computer; its odometry arrives from then on.
 ZERO_AGAIN_S = (1.0, 2.0)
-# Ten per second while the odometry shows motion, so that the base gets one as soon as it can be reached. More while
-# nothing moves would conflict with navigation.
+# Ten per second while the odometry shows motion or has not arrived yet, so that the base gets one as soon as it can be
+# reached. More while nothing moves would conflict with navigation.
 ZERO_WHILE_MOVING_S = tuple(tenth / 10 for tenth in range(6, 31))
 # Afterwards one per second, unless the odometry shows that the robot stands.
 ZERO_UNLESS_STILL_S = tuple(map(float, range(3, 11)))
@@ -96,6 +96,7 @@ class ControlLink(LinkObserver):
         self._stopper: Actor = CONSOLE
         self._guard_switcher: Actor = CONSOLE
         self._odometry: Odometry | None = None
+        self._odometry_before_connect: Odometry | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._sequence = 0
         self._connected = False
@@ -343,14 +344,15 @@ class ControlLink(LinkObserver):
 
     def _send_on_connect(self) -> None:
         """First messages on a connection: the previous driver may have died while driving."""
+        self._odometry_before_connect = self._odometry
         if not self._unread.acknowledged:
             self._stop_motion()
             for delay_s in ZERO_AGAIN_S:
                 self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero))
             for delay_s in ZERO_WHILE_MOVING_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_while, True))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_while_moving))
             for delay_s in ZERO_UNLESS_STILL_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_while, True, None))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_unless_still))
 
     def _stop_motion(self) -> None:
         """Send zero, unless the robot is known to have read one after our last velocity.
@@ -365,9 +367,13 @@ class ControlLink(LinkObserver):
         if not self._lease.held and not self._navigator.has_goal and not self._unread.full(self._loop.time()):
             self._send_twist(ZERO_TWIST, "lease")
 
-    def _repeat_zero_while(self, *moving: bool | None) -> None:
-        """Send zero again if ``_moves`` is one of these."""
-        if self._moves() in moving:
+    def _repeat_zero_while_moving(self) -> None:
+        arrived = self._profile.odometry is None or self._odometry is not self._odometry_before_connect
+        if self._moves() or not arrived:
+            self._repeat_zero()
+
+    def _repeat_zero_unless_still(self) -> None:
+        if self._moves() is not False:
             self._repeat_zero()
 
     def _moves(self) -> bool | None:

@@ -85,6 +85,23 @@ def test_a_stranger_s_goal_alone_is_not_cancelled_by_name_where_ours_was_refused
     with_link(ROBOT, test)
 
 
+@pytest.mark.logs("robot")
+def test_a_cancelled_goal_that_still_reports_is_cancelled_with_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A restarted rosbridge loses its acceptance and its listing, so that neither cancel has an effect."""
+    monkeypatch.setattr(navigation_client, "UNCONFIRMED_CANCEL_S", 60.0)
+    monkeypatch.setattr(action_client, "_PROVEN_WITHIN_S", 0.0)
+
+    async def test(bench: LoopBench) -> None:
+        goal = await go(bench)
+        await cancel(bench)
+        assert cancelled_uuids(bench) == []
+        feedback = {"op": "action_feedback", "id": goal["id"], "action": NAME, "values": {"distance_remaining": 1.0}}
+        await bench.bridge.send(encode_json(feedback))
+        await bench.until(lambda: cancelled_uuids(bench) == [0], "whatever moves the robot is cancelled")
+
+    with_link(ROBOT, test)
+
+
 @pytest.mark.parametrize("apart", [False, True], ids=["in one message", "one after the other"])
 def test_of_two_that_turn_up_none_is_cancelled_by_name(apart: bool) -> None:
     async def test(bench: LoopBench) -> None:

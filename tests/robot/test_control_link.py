@@ -1,5 +1,6 @@
 """Operations that the control link sends on a new connection."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -34,6 +35,25 @@ def test_zero_is_repeated_while_the_odometry_reports_motion(monkeypatch: pytest.
         assert (sent[-1].stamp_ns - sent[0].stamp_ns) / 1e9 > 0.9
 
     with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("odometry_topic", [None, TopicSource("/odom")])
+def test_zero_is_repeated_until_the_odometry_arrives(
+    monkeypatch: pytest.MonkeyPatch, odometry_topic: TopicSource | None
+) -> None:
+    """A restarted rosbridge may reach the base before it receives the odometry."""
+    monkeypatch.setattr(control_link, "ZERO_AGAIN_S", ())
+    monkeypatch.setattr(control_link, "ZERO_WHILE_MOVING_S", (0.8, 0.9))
+    monkeypatch.setattr(control_link, "ZERO_UNLESS_STILL_S", ())
+    again: list[bool] = []
+    monkeypatch.setattr(control_link.ControlLink, "_repeat_zero", lambda _link: again.append(True))
+
+    async def test(bench: LoopBench) -> None:
+        timers = list(bench.link._zeros_again)
+        await bench.until(lambda: all(timer.when() < bench.link._loop.time() - 0.1 for timer in timers), "both times")
+        assert len(again) == (0 if odometry_topic is None else 2)
+
+    with_link(replace(ROBOT, odometry=odometry_topic), test)
 
 
 @pytest.mark.parametrize("turn_radps", [None, 0.0])

@@ -1,13 +1,14 @@
-"""Robot on the real rclpy, and the console's process that reaches it without rosbridge.
+"""Robot on the real rclpy, the console's process that reaches it without rosbridge, and a real rosbridge server.
 
-``CARIS_ROS2_PYTHON`` names a Python with rclpy and test_msgs: ``packaging/ros2.sh`` makes one. Tests are skipped
-without it.
+``CARIS_ROS2_PYTHON`` names a Python with rclpy, test_msgs and rosbridge-server-rs: ``packaging/ros2.sh --test`` makes
+one. Tests are skipped without it.
 """
 
 import json
 import os
 import random
 import re
+import socket
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,6 +30,16 @@ from caris_desktop.robot.ros2_robot import PYTHON_VARIABLE
 from tests.support.polling import wait_for
 
 PYTHON = os.environ.get(PYTHON_VARIABLE, "")
+_LIBRARIES = """
+import glob, json, site, sys, sysconfig
+print(json.dumps({
+    "servers": glob.glob(f"{site.getsitepackages()[0]}/rosbridge_server_rs/rosbridge_server_rs_jazzy"),
+    "folders": [f"{sys.prefix}/lib", *glob.glob(f"{site.getsitepackages()[0]}/ros_*.libs")],
+    "rmw": glob.glob(f"{sys.prefix}/lib/**/librmw_fastrtps_cpp.so", recursive=True),
+    "python": f"{sysconfig.get_config_var('LIBDIR')}/{sysconfig.get_config_var('INSTSONAME')}",
+    "prefix": sys.prefix,
+}))
+"""
 needs_rclpy = pytest.mark.skipif(not PYTHON, reason=f"{PYTHON_VARIABLE} names no Python with rclpy")
 
 
@@ -96,6 +107,51 @@ class NativeRobot:
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
+
+
+class RustBridge:
+    """rosbridge-server-rs for a robot's domain. Its wheel expects an installed ROS: its libraries are named here."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        found = json.loads(subprocess.run([PYTHON, "-c", _LIBRARIES], capture_output=True, check=True).stdout)
+        if not found["servers"]:
+            pytest.skip(f"{PYTHON_VARIABLE} has no rosbridge-server-rs")
+        (folder / "rmw").mkdir()
+        (folder / "rmw/librmw_implementation.so").symlink_to(found["rmw"][0])
+        self._server = Path(found["servers"][0])
+        self._server.chmod(0o755)
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port: int = free.getsockname()[1]
+        self._settings = folder / "rosbridge.toml"
+        self._settings.write_text(f'no_rosapi = true\naddress = "127.0.0.1"\nport = {self.port}\n')
+        self._environment = {
+            **os.environ, "ROS_DISTRO": "jazzy", "ROS_DOMAIN_ID": str(domain), "AMENT_PREFIX_PATH": found["prefix"],
+            "LD_LIBRARY_PATH": os.pathsep.join([str(folder / "rmw"), *found["folders"]]), "LD_PRELOAD": found["python"],
+        }  # fmt: skip
+        self._log = (folder / "rosbridge.log").open("w")
+        self.start()
+
+    def start(self) -> None:
+        """Start it, again after a kill."""
+        command = [str(self._server), "--config", str(self._settings)]
+        self._process = subprocess.Popen(command, env=self._environment, stdout=self._log, stderr=self._log)
+        wait_for(self._listens, "rosbridge-server-rs", timeout_s=30.0)
+
+    def _listens(self) -> bool:
+        with socket.socket() as tried:
+            return tried.connect_ex(("127.0.0.1", self.port)) == 0
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        self.kill()
+        self._log.close()
 
 
 def bridges_below(pid: int) -> list[int]:
