@@ -44,6 +44,8 @@ _REMEMBERED_GOALS = 20
 _ADOPTED_WITHIN_S = 2.0
 """A goal of ours turns up on the status topic within this time; what turns up later is somebody else's."""
 _PROVEN_WITHIN_S = 0.3
+_CANCELLED_WITHIN_S = 4.0
+"""Then the websocket of a cancelled goal is closed: rosbridge does not say that one was refused."""
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
@@ -211,6 +213,12 @@ class BridgedActionClient:
             self._cancel_again(wire_ids[0])
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
+        def failed(results: Mapping[str, Any]) -> None:
+            if wire_ids:
+                ended(results, worked=False)
+            else:  # it cannot be sent, and has no id yet
+                asyncio.get_running_loop().call_soon(failed, results)
+
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
             if self._unknown == wire_ids[0]:
                 self._unknown = None  # refused, or over before it was listed: later goals are not ours
@@ -233,7 +241,7 @@ class BridgedActionClient:
                 goal,
                 lambda results: ended(results, worked=True),
                 feedback,
-                lambda results: ended(results, worked=False),
+                failed,
             )
         )
         self._unknown, self._adopted, self._sent_s = wire_ids[0], None, time.monotonic()
@@ -242,7 +250,7 @@ class BridgedActionClient:
 
     def cancel(self, wire_id: str) -> None:
         self._client.cancel_goal(wire_id)
-        self._cancelled[wire_id] = time.monotonic()
+        self._note_cancelled(wire_id)
         while len(self._cancelled) > _REMEMBERED_GOALS:
             del self._cancelled[next(iter(self._cancelled))]
         uuid_hex = self._uuid_of.get(wire_id)
@@ -252,13 +260,21 @@ class BridgedActionClient:
         elif self._uuid_without_proof is not None and self._uuid_without_proof[0] == wire_id:
             asyncio.get_running_loop().call_later(_PROVEN_WITHIN_S, self._cancel_without_proof, wire_id)
 
+    def _note_cancelled(self, wire_id: str) -> None:
+        self._cancelled[wire_id] = now_s = time.monotonic()
+        asyncio.get_running_loop().call_later(_CANCELLED_WITHIN_S, self._abandon, wire_id, now_s)
+
+    def _abandon(self, wire_id: str, cancelled_s: float) -> None:
+        if self._cancelled.get(wire_id) == cancelled_s:
+            self._ros.factory.give_up_goal(wire_id)
+
     def _cancel_again(self, wire_id: str) -> None:
         """End a goal that goes on after its cancel: a restarted rosbridge may lose its acceptance and its listing."""
-        now_s = time.monotonic()
-        due = wire_id in self._cancelled and now_s - self._cancelled[wire_id] >= _PROVEN_WITHIN_S
-        if due and wire_id not in self._uuid_of:
-            self._cancelled[wire_id] = now_s
-            self.cancel_all()
+        cancelled_s = self._cancelled.get(wire_id)
+        if cancelled_s is not None and time.monotonic() - cancelled_s >= _PROVEN_WITHIN_S:
+            self._note_cancelled(wire_id)
+            if wire_id not in self._uuid_of:
+                self.cancel_all()
 
     def _cancel_without_proof(self, wire_id: str) -> None:
         """For a server without feedback, behind a rosbridge that does not cancel: end whatever moves the robot."""

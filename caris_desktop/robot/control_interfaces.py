@@ -395,7 +395,7 @@ class RobotControls:
     def _give_up(self, server: _Server, wire_id: str) -> None:
         if wire_id in server.goals.keys() - server.answered - set(server.lost):
             command = server.goals.pop(wire_id)
-            server.client.cancel(wire_id)
+            server.client.give_up(wire_id)
             late = translation.localized(
                 QT_TR_NOOP("the robot did not respond within {time} s"), time=f"{NO_ANSWER_S:g}"
             )

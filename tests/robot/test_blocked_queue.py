@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.control_definitions import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl, SendActionGoal
 from caris_desktop.domain.events import ControlUsed, GoalChanged, LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.link_commands import Drive, GoTo, RequestMap, SetEmergencyStop, StopMotion, UseControl
-from caris_desktop.robot import handled_operations, navigation_client
+from caris_desktop.robot import action_client, control_interfaces, handled_operations, navigation_client
 from caris_desktop.robot.profile_model import EmergencyStopInterface, MapServices, NavigationServer, RobotProfile
 from caris_desktop.robot.transport import MOST_CALLS
 from caris_desktop.robot.unread import MOST_UNREAD
@@ -19,13 +19,14 @@ from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
 CANCEL = "/navigate_to_pose/_action/cancel_goal"
 SLOW = RobotControl("slow", "Slow", "button", CallService("/slow", "std_srvs/Trigger", {}))
+WAVE = RobotControl("wave", "Wave", "button", SendActionGoal("/wave", "test_msgs/Fibonacci", {"order": 1}))
 ROBOT = RobotProfile(
     "test",
     "Test",
     ros=2,
     navigation=NavigationServer("navigate_to_pose", "/navigate_to_pose"),
     emergency_stop=EmergencyStopInterface(service="/e_stop"),
-    controls=(SLOW,),
+    controls=(SLOW, WAVE),
     maps=MapServices(map_saver="/map_saver"),
 )
 
@@ -106,6 +107,42 @@ def test_goals_that_are_never_answered_do_not_use_up_the_websockets(monkeypatch:
         # A call cancelled before its websocket is open is not sent.
         assert len(bench.bridge.operations("send_action_goal")) > MOST_CALLS
         await bench.until(lambda: len(bench.bridge.clients) <= 6, "no more websockets than at first")
+
+    with_link(ROBOT, test, prepare=blocking)
+
+
+@pytest.mark.logs(r"robot\.")
+@pytest.mark.parametrize("stopped", [False, True])
+def test_goals_of_controls_that_are_never_answered_do_not_use_up_the_websockets(
+    monkeypatch: pytest.MonkeyPatch, stopped: bool
+) -> None:
+    """rosbridge for ROS 2 never says that a goal was refused."""
+    monkeypatch.setattr(action_client, "_CANCELLED_WITHIN_S", 0.05)
+    monkeypatch.setattr(control_interfaces, "NO_ANSWER_S", 4.0 if stopped else 0.05)
+
+    async def test(bench: LoopBench) -> None:
+        for number in range(2 * MOST_CALLS):
+            bench.send(UseControl(now_ns(), f"r{number}", "wave", True))
+            await bench.until(lambda number=number: len(bench.bridge.operations("send_action_goal")) > number, "a goal")
+            if stopped:
+                bench.send(StopMotion(now_ns()))
+            await bench.until(lambda number=number: failed(bench) > number, "its end")
+            await bench.until(lambda: len(bench.bridge.clients) <= 6, "no more websockets than at first")
+
+    def failed(bench: LoopBench) -> int:
+        return sum(used.state == "failed" for used in bench.of(ControlUsed))
+
+    with_link(ROBOT, test, prepare=blocking)
+
+
+@pytest.mark.logs(r"robot\.")
+def test_a_goal_that_cannot_be_sent_says_why() -> None:
+    async def test(bench: LoopBench) -> None:
+        for number in range(MOST_CALLS + 1):
+            bench.send(UseControl(now_ns(), f"r{number}", "wave", True))
+        await bench.until(
+            lambda: [used for used in bench.of(ControlUsed) if "has not yet responded" in used.detail], "the reason"
+        )
 
     with_link(ROBOT, test, prepare=blocking)
 

@@ -177,11 +177,15 @@ class Rounds:
 
     def _judge(self, outcome: Outcome, before: int, from_ns: int) -> Outcome:
         act, drove = outcome.act, outcome.drove
+        velocities_before = [each for each in self.robot.obeyed()[:before] if each.moving is not None]
+        stood = not (velocities_before and velocities_before[-1].moving)
 
         def zero_ns() -> int | None:
             """Time of the first zero after the last velocity."""
             velocities = [each for each in self.robot.obeyed()[before:] if each.moving is not None]
             last = max((at for at, each in enumerate(velocities) if each.moving), default=-1)
+            if last < 0 and act == "release" and stood:
+                return from_ns  # a busy machine had ended the drive
             zeros = [each.at_ns for each in velocities[last + 1 :] if last >= 0 or each.at_ns >= from_ns]
             return zeros[0] if zeros else None
 
