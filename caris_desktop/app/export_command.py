@@ -117,7 +117,8 @@ def run(args: argparse.Namespace) -> int:
     elif not one:
         exported = len(set(finished.written) & set(targets))
         together = [f"{path.name} for all" for path in finished.written if path.name in BY_FORMAT]
-        apart = [] if set(args.to) <= _TOGETHER else [f"{exported} of {len(sessions)} sessions"]
+        # A study of one session has them in its folder.
+        apart = [f"{exported} of {len(sessions)} sessions"] if exported or not set(args.to) <= _TOGETHER else []
         print(f"Exported {' and '.join([*apart, *together]) or 'nothing'} to {args.out}")
     return 1 if damaged or finished.problems else 0
 

@@ -100,6 +100,15 @@ def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys
     assert "Exported 3 of 3 sessions and methods for all" in capsys.readouterr().out
 
 
+def test_a_format_for_all_sessions_is_exported_from_a_study_of_one(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in sorted((study / "sessions").iterdir())[1:]:
+        shutil.rmtree(folder)
+    assert run(study, "--to", "methods", tmp_path / "out") == 0
+    assert "Exported 1 of 1 sessions to" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_failed_export_is_reported_and_the_rest_continues(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
