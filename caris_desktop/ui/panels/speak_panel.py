@@ -610,10 +610,7 @@ _CHIPS = (*(f"phrase_{number}" for number in range(1, PHRASE_COUNT + 1)), "fille
 
 
 class PhraseRows(QWidget):
-    """Phrase buttons: groups, phrases of the selected group, and gestures.
-
-    Phrase buttons with height for width.
-    """
+    """Phrase buttons: groups, phrases of the selected group, and gestures."""
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
