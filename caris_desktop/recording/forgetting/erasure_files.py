@@ -6,11 +6,9 @@ With the journal, which holds no personal data, an erasure can resume after a ki
 import hashlib
 import json
 import logging
-import lzma
 import os
 import tarfile
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field, replace
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
 from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.recording.forgetting.byte_search import is_damage
 from caris_desktop.recording.forgetting.text_erasure import PersonNames, Sentences
 from caris_desktop.recording.session.manifest import digest_of
 from caris_desktop.recording.session.session_header import is_session
@@ -74,7 +73,7 @@ def files_of(study: Path) -> StudyFiles:
         for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
             path = Path(entry.path)
             if entry.is_symlink():
-                target = path.resolve()
+                target = Path(os.path.realpath(path))  # resolve() fails for a link to itself before Python 3.13
                 inside = target.is_relative_to(home)
                 recorded = path.is_dir() and (is_session(path) or path == study / _SESSIONS)
                 if recorded:
@@ -102,7 +101,9 @@ def is_opaque(path: Path) -> bool:
         elif _TAR in path.name.lower() or path.suffix.lower() == ".tgz":
             with tarfile.open(path) as archive:
                 packed = archive.getnames()
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError, zlib.error, lzma.LZMAError):
+    except Exception as error:
+        if not is_damage(error):
+            raise
         return True
     return any(name.lower().endswith((*MEDIA, *_CLOSED)) for name in packed)
 

@@ -113,6 +113,48 @@ def test_all_sessions_behind_a_link_are_the_studys(study: Path) -> None:
     assert hits_in(elsewhere) == {}
 
 
+def test_names_of_files_and_targets_of_links_are_redacted_also_where_they_become_equal(study: Path) -> None:
+    for number, name in enumerate(("Quillfeather.txt", "quillfeather.txt", "QUILLFEATHER.txt")):
+        (study / name).write_text(str(number), encoding="utf-8")
+    (study / "Quillfeather").mkdir()
+    (study / "quillfeather").mkdir()
+    (study / "latest").symlink_to("Quillfeather.txt")
+    (study / "gone").symlink_to("missing-Quillfeather.txt")
+    (study / "circle").symlink_to("circle")
+    assert forget(study).complete
+    named = [path.name for path in study.rglob("*")] + [str((study / name).readlink()) for name in ("latest", "gone")]
+    assert [name for name in named if "quillfeather" in name.lower()] == []
+    assert {path.read_text("utf-8") for path in study.glob("*.txt")} == {"0", "1", "2"}
+    assert (study / "latest").exists()
+    assert len([path for path in study.iterdir() if path.is_dir()]) == 4  # with sessions and forgotten
+
+
+def test_a_link_to_a_path_elsewhere_that_names_the_person_is_a_problem(study: Path) -> None:
+    folder = sessions_of(study)[0]
+    elsewhere = study.parent / "quillfeathers disk"
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)
+    outcome = forget(study)
+    assert not outcome.complete
+    assert any("points to a path that names the person" in problem for problem in outcome.problems)
+    assert folder.exists()
+
+
+def test_names_of_files_that_are_not_utf_8_stop_nothing(study: Path) -> None:
+    folders = (study, sessions_of(study)[0])
+    for folder in folders:
+        Path(os.fsdecode(os.fsencode(folder) + b"/note-\xff.txt")).write_text(NAME, encoding="utf-8")
+    assert forget(study).complete
+    assert hits_in(study) == {}
+    assert any("note-\udcff" in one["file"] for one in receipt_of(study)["files"])
+
+
+def test_a_text_in_a_code_page_is_redacted_and_the_rest_is_as_it_was(study: Path) -> None:
+    (study / "coders.csv").write_bytes("id;name\n1;Zoë\n2;Jürgen\n".encode("cp1252"))
+    assert forget(study).complete
+    assert (study / "coders.csv").read_bytes() == "id;name\n1;[forgotten]\n2;Jürgen\n".encode("cp1252")
+
+
 @pytest.mark.parametrize("kind", ["film", "file", "folder"])
 @pytest.mark.long("folder")
 def test_another_link_out_of_the_study_is_refused_by_name(study: Path, kind: str) -> None:
@@ -171,13 +213,14 @@ def test_copies_of_removed_films_go_with_them(study: Path) -> None:
     assert not copy.exists()
 
 
-@pytest.mark.long
 def test_a_hard_link_from_outside_is_reported(study: Path) -> None:
-    outside = study.parent / "film.mp4"
-    os.link(sessions_of(study)[0] / "video-front.mp4", outside)
+    (study / "notes.txt").write_text(NAME, encoding="utf-8")
+    for path in (study / "notes.txt", sessions_of(study)[0] / "video-front.mp4"):
+        os.link(path, study.parent / path.name)
     outcome = forget(study)
     assert not outcome.complete
-    assert any("video-front.mp4 has a hard link outside" in problem for problem in outcome.problems)
+    for name in ("notes.txt", "video-front.mp4"):
+        assert any(f"{name} has a hard link outside" in problem for problem in outcome.problems)
 
 
 def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
