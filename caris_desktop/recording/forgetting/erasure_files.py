@@ -301,7 +301,8 @@ class OwnFiles(Value):
         return self.logs is not None and path.is_relative_to(self.logs)
 
     def sounds(self) -> list[Path]:
-        return sorted(path for folder in self.voices for path in _files_in(folder))
+        """The audio; not behind links, which another user may have put into the folder for temporary files."""
+        return sorted(path for folder in self.voices if not folder.is_symlink() for path in _files_in(folder))
 
 
 def _files_in(folder: Path) -> Iterator[Path]:

@@ -279,8 +279,9 @@ def test_the_users_own_files_are_searched_and_cleaned(study: Path) -> None:
     kept.write_text(NAME, encoding="utf-8")
     sound = home / "voice" / "1.wav"
     sound.write_bytes(b"RIFF of a name")
+    (home / "trap").symlink_to(home / "documents")
     own = OwnFiles(
-        home / "state" / "said", home / "state" / "log", (home / "voice",),
+        home / "state" / "said", home / "state" / "log", (home / "voice", home / "trap"),
         (home / "state", home / "config", home / "documents"), (home / "documents",),
     )  # fmt: skip
     with log.open("a", encoding="utf-8") as still_open:
