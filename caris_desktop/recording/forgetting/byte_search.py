@@ -140,8 +140,7 @@ class ByteSearch:
                 head = file.read(1 << 16)
                 if b"compression=lz4" in head or b"compression=bz2" in head:
                     closed.append(f"{name}: its chunks are compressed")
-            else:
-                opener = next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
+            elif (opener := opener_of(head)) is not None:
                 with opener(file) as packed:
                     yield f"{where}unpacked", packed
 
@@ -255,6 +254,11 @@ _OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
     b"\xfd7zXZ\x00": lzma.LZMAFile,
     b"\x28\xb5\x2f\xfd": _unzstd,
 }
+
+
+def opener_of(head: bytes) -> Callable[[IO[bytes]], Any] | None:
+    """Opener of a single compressed file, by its first bytes; None if it is not compressed."""
+    return next((opener for magic, opener in _OPENERS.items() if head.startswith(magic)), None)
 
 
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:

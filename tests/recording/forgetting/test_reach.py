@@ -1,5 +1,6 @@
 """Scope of an erasure: checksums, links, copies, unprocessed media, and the user's files."""
 
+import gzip
 import hashlib
 import json
 import os
@@ -233,7 +234,16 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     cv2.imwrite(str(study / "photos" / "untagged.png"), np.zeros((8, 8, 3), np.uint8))
     (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
     (study / "consent.pdf").write_bytes(b"%PDF-1.7 packed")
-    for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt")):
+    for name, content in (
+        ("clip.MTS", (bytes(4) + b"G" + bytes(187)) * 3),
+        ("phone.3gp", b"\0\0\0\x20ftyp3gp5"),
+        ("backup", b"7z\xbc\xaf\x27\x1c packed"),
+        ("ID3 FORM.txt", b"FORM 3"),
+    ):
+        (study / name).write_bytes(content)
+    (study / "film.gz").write_bytes(gzip.compress(b"\0\0\0\x20ftypisom"))
+    (study / "text.gz").write_bytes(gzip.compress(b"something"))
+    for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt"), ("nested.zip", "films.zip")):
         with zipfile.ZipFile(study / name, "w") as archive:
             archive.writestr(inside, b"something")
     with tarfile.open(study / "photos.tar.gz", "w:gz") as packed:
@@ -244,8 +254,8 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     name = f"sessions/{blind.name}"
     assert {f"{name}/video-front.mp4", f"{name}/audio-microphone.wav", f"{name}/photos/0001.png"} <= listed
     assert {"interviews/first.MP3", "photos/untagged.png", "torn.zip", "consent.pdf"} <= listed
-    assert {"films.zip", "photos.tar.gz"} <= listed
-    assert "texts.zip" not in listed
+    assert {"films.zip", "photos.tar.gz", "nested.zip", "film.gz", "clip.MTS", "phone.3gp", "backup"} <= listed
+    assert listed.isdisjoint({"texts.zip", "text.gz", "ID3 FORM.txt"})
     assert not any(file.startswith(f"sessions/{folder.name}/") for folder in sessions_of(study)[:2] for file in listed)
     receipt = receipt_of(study)
     assert receipt["complete"] is False
