@@ -85,10 +85,7 @@ def run(words: Sequence[str]) -> int:
         arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)
-        # Titles, words and file names are foreign text; a terminal would execute escape sequences in them.
-        with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
-            status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
-        return int(status)
+        return _run(COMMANDS[words[0]][0], arguments)
     if words and not words[0].startswith("-"):
         print(
             f"There is no command '{words[0]}'. Commands: {', '.join(COMMANDS)}; without one the console opens.",
@@ -99,9 +96,13 @@ def run(words: Sequence[str]) -> int:
     parser.epilog = f"Other commands: {', '.join(COMMANDS)}. Each has --help."
     arguments = parser.parse_args(list(words))
     begin_quickly()
-    from caris_desktop.app import console_command
+    return _run("caris_desktop.app.console_command", arguments)
 
-    return console_command.run(arguments)
+
+def _run(module_name: str, arguments: argparse.Namespace) -> int:
+    # Titles, words and file names are foreign text; a terminal would execute escape sequences in them.
+    with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
+        return int(importlib.import_module(module_name).run(arguments))
 
 
 def _printable(

@@ -8,6 +8,7 @@ import sys
 import time
 
 from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, qInstallMessageHandler
+from PySide6.QtGui import qt_set_sequence_auto_mnemonic
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
@@ -30,6 +31,8 @@ def the_application(scale: str = "") -> QApplication:
     application.setApplicationName("CARIS Desktop")
     application.setApplicationVersion(__version__)
     application.setDesktopFileName("caris-desktop")  # by which Wayland finds the icon
+    # A "&" in a name of a file's control or phrase must not give its button the key Alt+letter, which may drive.
+    qt_set_sequence_auto_mnemonic(False)
     return application
 
 

@@ -1,8 +1,21 @@
-"""Text and JSON of others: characters made safe for a terminal or question, and a strict parser."""
+"""Text and JSON of others: bounded reading, characters made safe for a terminal or question, and a strict parser."""
 
+import errno
 import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """First ``most_bytes`` of a regular file, and one more if it is longer.
+
+    Raises OSError, also for a device or pipe, which may have no end or no beginning.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "not a regular file")
+    with path.open("rb") as file:
+        return file.read(most_bytes + 1)
 
 
 def printable(text: str, *, lines: bool = False) -> str:

@@ -14,6 +14,10 @@ LEAST_SIDE_PX = 8
 MOST_PIXELS = 64_000_000
 """Larger images would take memory that a session needs: 8K has 33 million."""
 
+# Each costs a decoder up to 0.1 s, whatever its bytes: files of others have some ten scans and a few texts.
+_MOST_SCANS = _MOST_TEXTS = 100
+_JPEG_SCAN, _PNG_TEXTS = b"\xff\xda", (b"zTXt", b"iTXt")
+
 
 class PictureError(ValueError):
     """Image that cannot be shown; the text completes the sentence "The picture ..."."""
@@ -78,7 +82,9 @@ def checked_size(content: bytes) -> tuple[int, int]:
     Raises PictureError if too large, and for other formats, whose decoders may expand kilobytes to gigabytes.
     """
     size_px = picture_size(content)
-    if size_px is None or (content[:1] == b"\x89" and not _chunks_fit(content)):
+    if size_px is None or not (
+        _chunks_fit(content) if content[:1] == b"\x89" else content.count(_JPEG_SCAN) <= _MOST_SCANS
+    ):
         raise PictureError("is not a complete JPEG or PNG image")
     if min(size_px) < 1 or size_px[0] * size_px[1] > MOST_PIXELS:
         raise PictureError(f"has {size_px[0]} x {size_px[1]} pixels, which is too large")
@@ -87,10 +93,11 @@ def checked_size(content: bytes) -> tuple[int, int]:
 
 def _chunks_fit(content: bytes) -> bool:
     """Whether a PNG is whole, with one head. Decoders allocate the length that a chunk claims: 2.5 GB for 9 kB."""
-    at = 8
+    at, texts = 8, 0
     while at + 12 <= len(content):
         kind, end = content[at + 4 : at + 8], at + 12 + int.from_bytes(content[at : at + 4])
-        if end > len(content) or (kind == b"IHDR") != (at == 8):
+        texts += kind in _PNG_TEXTS
+        if end > len(content) or (kind == b"IHDR") != (at == 8) or texts > _MOST_TEXTS:
             return False
         if kind == b"IEND":
             return True

@@ -8,8 +8,8 @@ from functools import cache, lru_cache
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import LocalizedText, joined, parse_localized, speaks_english
 
-_LONGEST = 500
-"""A longer text was written by a person, and would be slow to search."""
+_LONGEST, _MOST_ENDS = 500, 8
+"""A longer text, or one of more sentences, was written by a person, and would be slow to search: minutes for 80."""
 
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
 EARLIER_PATH = resources_dir() / "earlier-texts.json"
@@ -18,7 +18,8 @@ EARLIER_PATH = resources_dir() / "earlier-texts.json"
 
 def retranslate(sentence: str) -> str:
     """Sentence for ``tr``; unchanged in English, or if it matches no text with values."""
-    return sentence if speaks_english() or not 0 < len(sentence) <= _LONGEST else _found(sentence)
+    foreign = not 0 < len(sentence) <= _LONGEST or sentence.count(". ") > _MOST_ENDS
+    return sentence if speaks_english() or foreign else _found(sentence)
 
 
 @lru_cache(maxsize=2048)

@@ -13,6 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 
 MAX_DEPTH = 40
+_MOST_BITS = 64  # of ROS messages; Python cannot convert integers of many more to floats or text
 
 _TAG = "tag:yaml.org,2002:"
 # As in YAML 1.2: yes, on and off are words, as are 12:30 and dates, and 1e-3 is a number.
@@ -151,7 +152,10 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
 def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:
     try:
         if kind == "int":
-            return int(text, 16 if text.startswith("0x") else 10)
+            number = int(text, 16 if text.startswith("0x") else 10)
+            if number.bit_length() > _MOST_BITS:
+                raise ValueError  # noqa: TRY301 - as for one of too many digits
+            return number
         if kind == "float":
             return float(text.replace(".inf", "inf").replace(".nan", "nan"))
     except ValueError as error:

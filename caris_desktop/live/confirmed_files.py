@@ -35,6 +35,7 @@ from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)
 _MAX_FILES = 300
+_MOST_HASHED_BYTES = 1 << 32  # more than a model has; a file of someone else may name a folder of films
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-]+")
 ReferenceKind = Literal["address", "variable", "path", "model", "network", "plugin", "stop_release", "motion", "held"]
 KIND_TITLES: dict[ReferenceKind, str] = {
@@ -350,7 +351,9 @@ def _lies_next_to(reference: FileReference, path: Path | None) -> bool:
 
 
 def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
-    """Add the checksum of a local model or certificate: another content is a new reference."""
+    """Add the checksum of a local model or certificate, unless too large for one: another content is a new
+    reference.
+    """
     if reference.kind not in ("model", "path") or reference.place == "cameras.source":
         return reference
     if reference.kind == "model" and not reference.place.startswith(("perception.", "listening.")):
@@ -360,7 +363,7 @@ def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
         file = path.parent / file
     try:
         files = sorted(one for one in file.iterdir() if one.is_file()) if file.is_dir() else [file]
-        if not all(one.is_file() for one in files):
+        if not all(one.is_file() for one in files) or sum(one.stat().st_size for one in files) > _MOST_HASHED_BYTES:
             return reference
         return FileReference(reference.kind, reference.text, reference.place, sha256_of(*files))
     except (OSError, ValueError):

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import platformdirs
 
+from caris_desktop.domain.foreign_text import printable
+
 _ENVIRONMENT_KEY = "CARIS_LOG_FILE"
 _FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s {who} %(name)s: %(message)s"
 _MAX_BYTES = 5_000_000
@@ -63,12 +65,22 @@ def configure_child_logging(name: str) -> None:
     _install([*handlers, stderr], name)
 
 
+class _PrintableFormatter(logging.Formatter):
+    """Formatter whose texts, which may come from others, add no lines and do not control a terminal."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the name that logging calls
+        return printable(super().formatMessage(record))
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record), lines=True)
+
+
 def _install(handlers: list[logging.Handler], who: str) -> None:
     root = logging.getLogger()
     for old in root.handlers[:]:
         root.removeHandler(old)
     for handler in handlers:
-        handler.setFormatter(logging.Formatter(_FORMAT.replace("{who}", who), datefmt="%Y-%m-%d %H:%M:%S"))
+        handler.setFormatter(_PrintableFormatter(_FORMAT.replace("{who}", who), datefmt="%Y-%m-%d %H:%M:%S"))
         root.addHandler(handler)
     root.setLevel(logging.INFO)
     logging.getLogger("httpx").setLevel(logging.WARNING)

@@ -16,6 +16,7 @@ from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.control_definitions import ROS_NAME, VALUE, control_problems, mentions_value
 from caris_desktop.domain.control_effects import moves_or_releases
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_text import read_bounded
 from caris_desktop.domain.schema_fields import KeyPath, Problem, ValueForm, data_of, name_of, replaced, value_from
 from caris_desktop.domain.schema_validation import Migration, did_you_mean, migrated, problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
@@ -35,6 +36,7 @@ from caris_desktop.robot.profile_model import (
 )
 
 _NAME = r"[A-Za-z0-9_-]+"
+_MAX_FILE_BYTES = 1_000_000
 
 
 class ListedProfile(Value):
@@ -115,7 +117,7 @@ def read_profile(path: Path) -> RobotProfile:
         Naming the file, the line, what is wrong and what is allowed.
     """
     try:
-        raw = path.read_bytes()
+        raw = read_bounded(path, _MAX_FILE_BYTES)
         text = raw.decode("utf-8")
     except OSError as error:
         raise ProfileError(
@@ -126,6 +128,12 @@ def read_profile(path: Path) -> RobotProfile:
         raise ProfileError(
             tr("{file}, line {line}: not UTF-8 text ({why}).").format(file=path, line=line, why=error.reason)
         ) from error
+    if len(raw) > _MAX_FILE_BYTES:
+        raise ProfileError(
+            tr("{path} is too large for a robot profile. Allowed: {most} bytes.").format(
+                path=path, most=_MAX_FILE_BYTES
+            )
+        )
     return parse_profile(text, file_name=str(path), name=path.stem)
 
 

@@ -6,6 +6,7 @@ scenario refers to ones that are not shipped with the program.
 
 import io
 import json
+import lzma
 import re
 import zipfile
 import zlib
@@ -131,7 +132,7 @@ def read_bundle(path: Path) -> Bundle:
         raise BundleError(
             tr("{name} cannot be read: {why}.").format(name=path.name, why=error.strerror or error)
         ) from error
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, RuntimeError, EOFError, ValueError) as error:
         raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name)) from error
     _check_version(texts.pop(_ABOUT, ""), path)
     parts = [_bundled(name, text) for name, text in texts.items()]

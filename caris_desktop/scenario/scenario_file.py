@@ -13,6 +13,7 @@ import platformdirs
 
 from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_text import read_bounded
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
 from caris_desktop.domain.schema_fields import KeyPath, Problem, data_of, leaves, value_from
 from caris_desktop.domain.schema_validation import Migration, allowed_words, migrated, problem_lines, problems, quoted
@@ -306,8 +307,7 @@ def changed_text(before: str, scenario: Scenario, data: dict[str, Any], path: Pa
 
 def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_FILE_BYTES + 1)
+        raw = read_bounded(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ScenarioError(
             tr("{path} cannot be read: {why}.").format(path=_shown(path), why=error.strerror or error)

@@ -2,11 +2,14 @@
 
 import io
 import json
+import logging
 import os
 import random
 import socket
 import struct
 import subprocess
+import sys
+import threading
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,10 +17,11 @@ from typing import NoReturn
 
 import pytest
 
-from caris_desktop.app import command_table, composition
+from caris_desktop.app import command_table, composition, console_command
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.foreign_text import parse_json, printable
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, scenario_references
+from caris_desktop.live.logs import configure_logging
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.events_file import CHUNK, CHUNK_BODY, record
 from caris_desktop.robot.profile import user_robots_dir
@@ -88,6 +92,31 @@ def test_no_name_in_a_bundle_leads_out_of_it(tmp_path: Path, name: str) -> None:
         read_bundle(path)
 
 
+def test_a_text_of_others_adds_no_line_to_the_log_and_does_not_control_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+    monkeypatch.setattr(logging, "raiseExceptions", logging.raiseExceptions)
+    monkeypatch.setenv("CARIS_LOG_FILE", "")
+    handlers, level = logging.root.handlers[:], logging.root.level
+    try:
+        configure_logging(tmp_path / "console.log")
+        try:
+            raise ValueError("\x1b[2J\x9b31m in an error")  # noqa: TRY301 - as of a library
+        except ValueError:
+            logging.getLogger("t").warning("robot says: %s", "\x1b]0;x\x07\n2026-01-01 CRITICAL \udcff", exc_info=True)
+    finally:
+        for handler in logging.root.handlers:
+            handler.close()
+        logging.root.handlers[:] = handlers
+        logging.root.setLevel(level)
+    for text in (capfd.readouterr().err, (tmp_path / "console.log").read_text("utf-8")):
+        assert text.replace("\n", "").isprintable()
+        assert [line for line in text.splitlines() if line.startswith("2026-01-01")] == []
+        assert "ValueError" in text
+
+
 @pytest.mark.parametrize("about", ["[" * 100_000, '{"a":' * 50_000, "", "null", "9" * 5000, "\x00", '{"format": []}'])
 def test_an_about_that_is_none_is_reported(tmp_path: Path, about: str) -> None:
     path = tmp_path / "b.caris"
@@ -142,13 +171,19 @@ def test_json_without_end_is_wrong_and_not_the_end() -> None:
     assert parse_json('{"a": [1]}') == {"a": [1]}
 
 
-def test_a_terminal_obeys_nothing_that_a_file_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_terminal_obeys_nothing_that_a_file_says(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     title = "Lab\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp.exe\r"
     user_robots_dir().mkdir(parents=True, exist_ok=True)
     profile = f"version: 1\nros: 1\nvelocity: {{topic: /cmd_vel}}\ntitle: {json.dumps(title)}\n"
     (user_robots_dir() / "lab.yaml").write_text(profile, encoding="utf-8")
     assert command_table.run(["robots"]) == 0
     assert command_table.run(["robots", "--listen", "no\x1b[2Jsuch"]) == 1
+    monkeypatch.setattr(console_command, "configure_logging", lambda *_args, **_more: None)
+    scenario = tmp_path / "shared.yaml"
+    scenario.write_text('version: 1\n"\\e[2J": 1\n', encoding="utf-8")
+    assert command_table.run(["--scenario", str(scenario), "--study", str(tmp_path / "study")]) == 2
     shown = "".join(capsys.readouterr())
     assert "Lab\\x1b]0;owned" in shown
     assert shown.replace("\n", "").isprintable()

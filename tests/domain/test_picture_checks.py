@@ -1,5 +1,8 @@
 """Check of camera images: displayed, or refused with a message."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -52,6 +55,24 @@ def test_no_byte_of_a_broken_picture_is_shown_and_none_breaks_the_program() -> N
             assert decode_compressed(bytes(broken)).ndim == 3
         except PictureError:
             continue
+
+
+@pytest.mark.parametrize("kind", [b"zTXt", b"iTXt"])
+def test_a_png_of_very_many_packed_texts_is_refused_before_it_costs_seconds(kind: bytes) -> None:
+    whole = cv2.imencode(".png", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
+    content = b"key\0" + (b"\0" if kind == b"zTXt" else b"\1\0\0\0") + zlib.compress(bytes(1000))
+    text = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+    assert decode_compressed(whole[:-12] + 9 * text + whole[-12:]).shape == (48, 64, 3)
+    with pytest.raises(PictureError):
+        decode_compressed(whole[:-12] + 1000 * text + whole[-12:])
+
+
+def test_a_jpeg_of_very_many_scans_is_refused_before_it_costs_minutes() -> None:
+    image = np.full((48, 64, 3), 128, np.uint8)
+    whole = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    assert decode_compressed(whole).shape == (48, 64, 3)
+    with pytest.raises(PictureError):
+        decode_compressed(whole[:-2] + 1000 * whole[whole.rindex(b"\xff\xda") : -2] + whole[-2:])
 
 
 def test_the_distance_of_a_part_of_the_picture_is_the_middle_one_of_those_known() -> None:

@@ -35,7 +35,17 @@ def test_a_reason_is_translated_with_its_values() -> None:
 
 
 @pytest.mark.usefixtures("trial_language")
-@pytest.mark.parametrize("words", ["", "Ana wrote this by hand", "7.5", "/cmd_vel", "Ana. " * 200 + "broke off."])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "",
+        "Ana wrote this by hand",
+        "7.5",
+        "/cmd_vel",
+        "Ana. " * 200 + "broke off.",
+        ". ".join(map(str, range(100, 190))),
+    ],
+)
 def test_a_text_that_is_not_the_programs_stays(words: str) -> None:
     assert type(retranslate(words)) is str
 

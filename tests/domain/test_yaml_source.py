@@ -56,6 +56,8 @@ def test_scalars_are_what_they_look_like(text: str, value: object) -> None:
         ("a: !!float ''", 1, "'' is not a number"),
         ("a: !!bool maybe", 1, "'maybe' is neither true nor false"),
         (f"a: {'9' * 5000}", 1, "is not a number"),
+        (f"a: -{'9' * 20}", 1, "is not a number"),
+        (f"a: 0x{'f' * 5000}", 1, "is not a number"),
         ("a: -.inf", 1, "-.inf is not a finite number"),
         ("a: .nan", 1, ".nan is not a finite number"),
         ("a: 1\n? [b]\n: 2", 2, "a key must be plain text"),

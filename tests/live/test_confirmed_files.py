@@ -1,6 +1,7 @@
 """References in a file are listed once, and none is used before the user's confirmation."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -221,3 +222,15 @@ def test_plug_ins_are_listed_with_their_package(tmp_path: Path, monkeypatch: pyt
     }  # fmt: skip
     assert "code of others" in question_words(question)
     assert asked(written(tmp_path / "own.yaml", PLAIN + "perception: {tracker: botsort}\n")) is None
+
+
+@pytest.mark.parametrize("named", ["pipe", "films", "/dev/zero", "/proc/self/pagemap"])
+def test_a_question_needs_no_file_without_end(tmp_path: Path, named: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "films").mkdir()
+    with (tmp_path / "films" / "one.onnx").open("wb") as film:
+        film.truncate(1 << 40)
+    target = str(tmp_path / named)
+    question = asked(written(tmp_path / "s.yaml", f"{PLAIN}robot: {target}\nperception: {{model: {target}}}\n"))
+    assert question is not None
+    assert [one.text for one in question.named] == [target, target]

@@ -28,6 +28,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.app.qt_application import the_application
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.state import LiveValue
@@ -35,6 +36,8 @@ from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui import window_appearance
 from caris_desktop.ui.help_window import GuideBrowser
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.inputs import CheckBox
 from tests.ui import every_window, samples
 from tests.ui.every_window import EveryWindow
 from tests.ui.fake_console import FakeConsole
@@ -145,6 +148,14 @@ def test_texts_of_qt_itself_are_plain(theme: Theme, mark: str, qapp: QApplicatio
         assert _rich_in(dialog)[0] == []
         dialog.close()
         dialog.deleteLater()
+
+
+def test_no_name_with_an_ampersand_gives_its_button_a_key(theme: Theme, qapp: QApplication) -> None:
+    assert the_application() is qapp
+    for text in ("Say &What", "Q&A", "Lights & sound"):
+        buttons = ActionButton(theme, text), CheckBox(theme, text)
+        assert [button.shortcut().toString() for button in buttons] == ["", ""]
+        assert [button.text() for button in buttons] == [text, text]
 
 
 def test_a_tooltip_of_many_words_takes_several_lines(theme: Theme, qapp: QApplication) -> None:

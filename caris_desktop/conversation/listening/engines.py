@@ -1,11 +1,13 @@
 """Speech recognition engines: their interface, faster-whisper with its weights, and plug-ins."""
 
 import itertools
+import lzma
 import math
 import re
 import shutil
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import unquote, urlsplit
@@ -175,7 +177,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
         ) from error
     try:
         _unpack(packed, target)
-    except (OSError, zipfile.BadZipFile) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, RuntimeError, EOFError, ValueError) as error:
         raise _no(
             localized(QT_TR_NOOP("{name} could not be unpacked ({error})."), name=name, error=error),
             QT_TR_NOOP("Correct listening.model."),

@@ -20,6 +20,7 @@ log = logging.getLogger(__name__)
 
 UNDECODED = "caris_undecoded"
 """Metadata of models exported by this program: true if the caller has to decode the boxes."""
+_MOST_CLASSES = 10_000
 _EMPTY = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
 
 
@@ -42,7 +43,7 @@ def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
     names = parsed_metadata(metadata.get("names"))
     if isinstance(names, Mapping):
         numbered = {int(number): str(name) for number, name in names.items()}
-        names = [numbered.get(number, "") for number in range(max(numbered, default=-1) + 1)]
+        names = [numbered.get(number, "") for number in range(min(max(numbered, default=-1) + 1, _MOST_CLASSES))]
     shape = parsed_metadata(metadata.get("kpt_shape"))
     values = shape[0] * shape[1] if isinstance(shape, list | tuple) and len(shape) == 2 else 0
     task = str(metadata.get("task", "detect"))

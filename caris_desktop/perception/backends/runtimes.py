@@ -243,12 +243,16 @@ class TfliteNetwork:
         return result
 
 
+_MAX_METADATA_BYTES = 1 << 20  # a class name has some ten
+
+
 def metadata_of(path: Path) -> Mapping[str, object]:
     """Metadata that ultralytics appended to the file as a zip archive; empty if there is none."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-            text = archive.read("metadata.json" if "metadata.json" in names else names[0]).decode()
+            with archive.open("metadata.json" if "metadata.json" in names else names[0]) as file:
+                text = file.read(_MAX_METADATA_BYTES).decode()
     except (zipfile.BadZipFile, OSError, IndexError, UnicodeDecodeError):
         return {}
     found = parsed_metadata(text)

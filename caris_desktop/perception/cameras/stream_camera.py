@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.media_checks import PictureError, check_size, fitting_size
+from caris_desktop.domain.media_checks import FILM_OPTIONS, PictureError, check_size, fitting_size
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,
@@ -33,7 +33,7 @@ class StreamCamera:
         self._torn: type[Exception] = av.error.InvalidDataError
         self._chosen = chosen
         live = not chosen.recorded
-        options = {"rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay"} if live else {}
+        options = {"rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay"} if live else FILM_OPTIONS
         try:
             self._container = av.open(
                 chosen.target, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None

@@ -24,6 +24,7 @@ from caris_desktop import __version__
 from caris_desktop.domain.events import ConsentNoted, PhotoTaken, RobotChosen, ScenarioOpened
 from caris_desktop.domain.file_replacement import narrow
 from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.sensing import People, StatusShown
@@ -609,7 +610,7 @@ def _has_sound(path: Path) -> bool:
     import av
 
     try:
-        with av.open(str(path)) as file:
+        with av.open(str(path), options=FILM_OPTIONS) as file:
             return bool(file.streams.audio)
     except (av.error.FFmpegError, ValueError) as error:
         raise UnreadableMediaError(

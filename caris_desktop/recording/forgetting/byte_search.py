@@ -1,6 +1,8 @@
 """Search for a person's names and images in every byte of a file, including compressed parts, in bounded memory."""
 
 import bz2
+import contextlib
+import errno
 import gzip
 import io
 import lzma
@@ -18,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.forgetting.text_erasure import SearchTerms, folded
+from caris_desktop.recording.forgetting.text_erasure import AS_IT_IS, SearchTerms, folded
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.events_file import MAGIC as MCAP_MAGIC
 
@@ -100,10 +102,11 @@ class ByteSearch:
                 if depth + 1 >= _DEEPEST:
                     closed.append(f"{part}: nested too deeply")
                     continue
-                found = self._opened(opened, part.lower(), depth + 1, part)
-                hits += found.hits
-                total += found.searched_bytes
-                closed += found.closed
+                with _noting_damage(part, closed):
+                    found = self._opened(opened, part.lower(), depth + 1, part)
+                    hits += found.hits
+                    total += found.searched_bytes
+                    closed += found.closed
         return Searched(tuple(hits), total, tuple(closed))
 
     def _unpacked(
@@ -111,7 +114,7 @@ class ByteSearch:
     ) -> Iterator[tuple[str, _Readable]]:
         """Unpack each compressed part of a file; append those that fail to ``closed``."""
         where = f"{inside}/" if inside else ""
-        try:
+        with _noting_damage(name, closed):
             file.seek(0)
             if head.startswith(MCAP_MAGIC):
                 # All in one stream: there are thousands, and starting a search takes longer than searching one.
@@ -137,14 +140,9 @@ class ByteSearch:
                 head = file.read(1 << 16)
                 if b"compression=lz4" in head or b"compression=bz2" in head:
                     closed.append(f"{name}: its chunks are compressed")
-            else:
-                opener = next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
+            elif (opener := opener_of(head)) is not None:
                 with opener(file) as packed:
                     yield f"{where}unpacked", packed
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError, sqlite3.Error, zlib.error) as error:
-            if isinstance(error, OSError) and error.errno is not None:
-                raise
-            closed.append(f"{name}: {error}")
 
     def _stream(self, head: bytes, read: Callable[[int], bytes], inside: str, *, media: bool) -> tuple[list[Hit], int]:
         hits: list[Hit] = []
@@ -194,17 +192,33 @@ class ByteSearch:
 
     def _named(self, data: bytes, place: int, encoding: str, *, media: bool) -> str | None:
         """Text around a name that begins at the offset; None if there is none."""
-        wide = 1 if encoding == "utf-8" else 2
+        wide, errors = (1, AS_IT_IS[encoding]) if encoding == "utf-8" else (2, "ignore")
         begin = max(place % wide, place - _AROUND_BYTES)
-        before = data[begin:place].decode(encoding, "ignore")
-        window = before + data[place : place + _AROUND_BYTES].decode(encoding, "ignore")
+        before = data[begin:place].decode(encoding, errors)
+        window = before + data[place : place + _AROUND_BYTES].decode(encoding, errors)
         for start, end in self._words.spans(window):
             if start == len(before):
-                length = len(window[start:end].encode(encoding, "ignore"))
+                length = len(window[start:end].encode(encoding, errors))
                 short = wide == 1 and end - start < _SHORT
                 by_chance = short and not _amid_text(data, place, length, media=media)
                 return None if by_chance else window[max(0, start - 40) : end + 40]
         return None
+
+
+def is_damage(error: Exception) -> bool:
+    """True if a library failed because of the data, with a type of its own, and not because of the disk."""
+    return not isinstance(error, OSError) or error.errno in (None, errno.EINVAL)  # a place before the file's begin
+
+
+@contextlib.contextmanager
+def _noting_damage(what: str, closed: list[str]) -> Iterator[None]:
+    """Append what cannot be unpacked to ``closed``. Raises OSError."""
+    try:
+        yield
+    except Exception as error:
+        if not is_damage(error):
+            raise
+        closed.append(f"{what}: {error}")
 
 
 def _number(text: bytes) -> int:
@@ -240,6 +254,11 @@ _OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
     b"\xfd7zXZ\x00": lzma.LZMAFile,
     b"\x28\xb5\x2f\xfd": _unzstd,
 }
+
+
+def opener_of(head: bytes) -> Callable[[IO[bytes]], Any] | None:
+    """Opener of a single compressed file, by its first bytes; None if it is not compressed."""
+    return next((opener for magic, opener in _OPENERS.items() if head.startswith(magic)), None)
 
 
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:

@@ -6,11 +6,9 @@ With the journal, which holds no personal data, an erasure can resume after a ki
 import hashlib
 import json
 import logging
-import lzma
 import os
 import tarfile
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field, replace
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
 from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.recording.forgetting.byte_search import is_damage, opener_of
 from caris_desktop.recording.forgetting.text_erasure import PersonNames, Sentences
 from caris_desktop.recording.session.manifest import digest_of
 from caris_desktop.recording.session.session_header import is_session
@@ -34,13 +33,20 @@ _CLOSED = (
     ".gpg", ".age", ".enc", ".kdbx",
 )  # fmt: skip
 """Of files whose content is packed in a way that the search for bytes does not unpack."""
+_BEGINNINGS = (
+    b"\xff\xd8\xff", b"\x89PNG", b"GIF8", b"II*\0", b"MM\0*", b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"FLV\1",
+    b"\x30\x26\xb2\x75", b"RIFF", b"OggS", b"fLaC", b"ID3\2", b"ID3\3", b"ID3\4", b"\xff\xfb", b"\xff\xf3", b"\xff\xf1",
+    b"caff\0", b"#!AMR", b"#ROSBAG", b"7z\xbc\xaf", b"Rar!", b"\4\x22\x4d\x18", b"\x5d\0\0", b"\x1f\x9d", b"%PDF",
+    b"\x89HDF", b"ARROW1", b"age-encryption", b"-----BEGIN PGP",
+)  # fmt: skip
+"""First bytes of files of both kinds, since a copy may have any name."""
+_ARCHIVES = (".zip", ".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".docx", ".xlsx", ".pptx", ".odt", ".ods", ".odp")
 _SESSIONS = "sessions"
-_SQLITE_MAGIC, _SQLITE_HEAD_BYTES = b"SQLite format 3\x00", 100
+_SQLITE_MAGIC, _HEAD_BYTES = b"SQLite format 3\x00", 512
 PEOPLE_APPLICATION_ID = 0x43615065
 """By which SQLite files of a study's people are known."""
 PEOPLE_FILES = ("people.sqlite", "people.sqlite-wal", "people.sqlite-shm", "people.sqlite-journal")
 """The study's database, erased separately."""
-_TAR = ".tar"
 _OF_EXPORT = "export-"
 
 
@@ -74,7 +80,7 @@ def files_of(study: Path) -> StudyFiles:
         for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
             path = Path(entry.path)
             if entry.is_symlink():
-                target = path.resolve()
+                target = Path(os.path.realpath(path))  # resolve() fails for a link to itself before Python 3.13
                 inside = target.is_relative_to(home)
                 recorded = path.is_dir() and (is_session(path) or path == study / _SESSIONS)
                 if recorded:
@@ -92,25 +98,40 @@ def files_of(study: Path) -> StudyFiles:
 
 def is_opaque(path: Path) -> bool:
     """True if a file may show or contain a person undetected by a byte search. Raises OSError."""
-    if path.suffix.lower() in (*MEDIA, *_CLOSED) or _is_people_database(path):
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if path.suffix.lower() in (*MEDIA, *_CLOSED) or _is_people_database(head) or _is_of_content(head):
         return True
     packed: list[str] = []
     try:
         if zipfile.is_zipfile(path):
             with zipfile.ZipFile(path) as archive:
                 packed = archive.namelist()
-        elif _TAR in path.name.lower() or path.suffix.lower() == ".tgz":
+        elif tarfile.is_tarfile(path):
             with tarfile.open(path) as archive:
                 packed = archive.getnames()
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError, zlib.error, lzma.LZMAError):
+        elif (opener := opener_of(head)) is not None:
+            with path.open("rb") as file, opener(file) as unpacked:
+                return _is_of_content(unpacked.read(_HEAD_BYTES))
+    except Exception as error:
+        if not is_damage(error):
+            raise
         return True
-    return any(name.lower().endswith((*MEDIA, *_CLOSED)) for name in packed)
+    return any(name.lower().endswith((*MEDIA, *_CLOSED, *_ARCHIVES)) for name in packed)
 
 
-def _is_people_database(path: Path) -> bool:
+def _is_of_content(head: bytes) -> bool:
+    """True for media and packed content by its first bytes, since a copy may have any name."""
+    return (
+        head.startswith(_BEGINNINGS)
+        or head[4:8] in (b"ftyp", b"jP  ")
+        or head[8:12] in (b"AIFF", b"AIFC", b"DUCK")
+        or b"GGG" in (head[0:377:188], head[4:389:192])  # packets of MPEG transport streams
+    )
+
+
+def _is_people_database(head: bytes) -> bool:
     """True for a copy of a people database: its data is encrypted, with the keys inside."""
-    with path.open("rb") as file:
-        head = file.read(_SQLITE_HEAD_BYTES)
     return head.startswith(_SQLITE_MAGIC) and head[68:72] == PEOPLE_APPLICATION_ID.to_bytes(4, "big")
 
 
@@ -300,7 +321,8 @@ class OwnFiles(Value):
         return self.logs is not None and path.is_relative_to(self.logs)
 
     def sounds(self) -> list[Path]:
-        return sorted(path for folder in self.voices for path in _files_in(folder))
+        """The audio; not behind links, which another user may have put into the folder for temporary files."""
+        return sorted(path for folder in self.voices if not folder.is_symlink() for path in _files_in(folder))
 
 
 def _files_in(folder: Path) -> Iterator[Path]:

@@ -5,8 +5,10 @@ database comes last, so that until then the same command can resume.
 """
 
 import contextlib
+import itertools
 import json
 import logging
+import os
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import field, replace
@@ -335,8 +337,10 @@ class _Forgetting:
         for suffix in ("", "-wal", "-shm", "-journal"):
             (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
         delete_tables(listed.sessions)  # another program may have made them meanwhile
+        self._report_hard_links()
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
+        self._relink(path for path in self._study.rglob("*") if path.is_symlink())
         self._notify(0.85, QT_TR_NOOP("Searching all files again, byte by byte"))
         proof = self._proof(sessions)
         proof["not_looked_at"] = sorted(
@@ -435,6 +439,8 @@ class _Forgetting:
                 else:
                     self._journal.remove(path, "copy")
                     found.pop(path, None)
+
+    def _report_hard_links(self) -> None:
         changed = {change.file for change in self._journal.changes()}
         self._problems += [
             localized(
@@ -692,9 +698,26 @@ class _Forgetting:
             new = self._without_names(path.name)
             if new == path.name:
                 continue
-            place = self._texts.note_name(self._journal.name_of(path), path.name)
-            if place == "redact" and not path.with_name(new).exists():
-                path.rename(path.with_name(new))
+            if self._texts.note_name(self._journal.name_of(path), path.name) == "redact":
+                path.rename(_free_path(path.with_name(new)))
+
+    def _relink(self, links: Iterable[Path]) -> None:
+        """Redact the targets of links to files that were renamed or are missing."""
+        for link in links:
+            target = str(link.readlink())
+            new = self._without_names(target)
+            if new == target or self._texts.note_name(self._journal.name_of(link), target) != "redact":
+                continue
+            if link.exists():
+                self._problems.append(
+                    localized(
+                        QT_TR_NOOP("{link} points to a path that names the person. Rename that path, then link again."),
+                        link=self._journal.name_of(link),
+                    )
+                )
+            else:
+                link.unlink()
+                link.symlink_to(new)
 
     def _without_names(self, text: str) -> str:
         changed, _ = text_erasure.redacted(
@@ -801,7 +824,9 @@ class _Forgetting:
             ],
         }
         content = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "receipts": [*_receipts_in(path), receipt]}
-        replace_file(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode(), durable=True)
+        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        # Names of files that are not UTF-8 become escapes of JSON.
+        replace_file(path, text.encode("utf-8", "backslashreplace"), durable=True)
 
     _progress_at = 0.0
 
@@ -908,6 +933,12 @@ def _receipts_in(path: Path) -> list[Any]:
                 file["removed"] = not file.pop("after")
                 file.pop("before", None)
     return receipts
+
+
+def _free_path(path: Path) -> Path:
+    """``path``, numbered if something has its name."""
+    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
+    return next(free for free in itertools.chain([path], numbered) if not os.path.lexists(free))
 
 
 def _remove_empty(folder: Path) -> None:

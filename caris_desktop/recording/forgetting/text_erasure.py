@@ -28,6 +28,8 @@ from caris_desktop.recording.session.session_reader import Session
 
 FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
 """Replacements for a name. In YAML, a bracket at the start of a value has a meaning."""
+AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-be": "surrogatepass"}
+"""Encodings of text files, with the error handlers that preserve all other bytes."""
 _LEAST_PART = 3
 # Names this long are matched inside longer words too, such as file names; shorter ones are often part of other words.
 _DISTINCT = 8
@@ -37,6 +39,11 @@ _ENDS = r"(?=(?:['’]?s)?(?![^\W_]))"
 _BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
 # From here on, scripts have no spaces between words, so that nothing marks where a name begins.
 _WITHOUT_SPACES = "\u0e00"
+# Windows' encodings of text files, for example of tables that a spreadsheet saved.
+_CODE_PAGES = ("cp1250", "cp1251", "cp1252", "cp1253", "cp1254", "cp1257", "gbk", "cp932", "cp949", "big5")
+# Letters that are not a letter with an accent, and how German and Nordic names are written without such keys.
+_PLAIN_LETTERS = str.maketrans("øłđðı", "olddi") | str.maketrans({"ß": "ss", "æ": "ae", "œ": "oe"})
+_TWO_LETTERS = str.maketrans({"ä": "ae", "ö": "oe", "ø": "oe", "ü": "ue", "å": "aa"})
 # Checksums and base64 contain no names; paths have letters and slashes too, but shorter runs.
 _CODES = ((re.compile(r"[A-Za-z0-9]*"), 32), (re.compile(r"[A-Za-z0-9+/=]*"), 250))
 _PROBE_BYTES, _PROBES = 24, 6
@@ -62,8 +69,7 @@ class PersonNames:
             parts = [part for part in re.split(r"[\s\-.]+", full_name) if len(part) >= _LEAST_PART]
             for text in (full_name, *parts):
                 if len(text) >= 2:
-                    found.setdefault(unicodedata.normalize("NFC", text))
-                    found.setdefault(_without_accents(text))
+                    found.update(dict.fromkeys(_spellings(text)))
         return tuple(sorted(found, key=len, reverse=True))
 
     @cached_property
@@ -101,8 +107,8 @@ class PersonNames:
             for form in _forms(text):
                 first = re.split(r"\s", form)[0]
                 for cased in (first, first.lower(), first.upper(), first.title()):
-                    for encoding in ("utf-8", "utf-16-le", "utf-16-be"):
-                        found.setdefault((folded(cased.encode(encoding, "replace")), encoding))
+                    for encoding, errors in AS_IT_IS.items():
+                        found.setdefault((folded(cased.encode(encoding, errors)), encoding))
         return tuple(found)
 
 
@@ -141,17 +147,36 @@ def _forms(text: str) -> tuple[str, ...]:
             plain.encode("ascii", "xmlcharrefreplace").decode(),
             quote(plain, safe=" "),
         ]
+    if not text.isascii():
+        for cased in (composed, composed.lower(), composed.upper()):
+            forms += (_read_as_utf8(cased, code_page) for code_page in _CODE_PAGES)
     return tuple(dict.fromkeys(forms))
+
+
+def _read_as_utf8(text: str, code_page: str) -> str:
+    """``text`` of a file in a code page, as ``AS_IT_IS`` decodes it; unchanged if the code page lacks a letter."""
+    try:
+        return text.encode(code_page).decode("utf-8", AS_IT_IS["utf-8"])
+    except UnicodeEncodeError:
+        return text
 
 
 def _is_distinct(text: str) -> bool:
     return len(text) >= _DISTINCT or text[0] >= _WITHOUT_SPACES
 
 
+def _spellings(text: str) -> Iterator[str]:
+    """``text``, and as typed without such keys or written by a recogniser."""
+    for written in dict.fromkeys((text, text.replace("'", "’"), text.replace("’", "'"))):
+        composed = unicodedata.normalize("NFC", written)
+        yield composed
+        yield _without_accents(composed)
+        yield _without_accents(composed.lower().translate(_TWO_LETTERS))
+
+
 def _without_accents(text: str) -> str:
-    """``text`` without accents, as typed without such keys or written by a recogniser."""
     plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
-    return unicodedata.normalize("NFC", plain)
+    return unicodedata.normalize("NFC", plain.lower().translate(_PLAIN_LETTERS))
 
 
 def _in_code(text: str, start: int, end: int) -> bool:
@@ -317,7 +342,6 @@ _YAML = (".yaml", ".yml")
 # Keys of events that contain YAML texts of scenarios and profiles.
 _YAML_INSIDE = ('"sha256":', '"profile":')
 _BINARY_LOOK_BYTES = 8192
-_AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-be": "surrogatepass"}
 
 
 class Passage(Value):
@@ -437,7 +461,7 @@ def encoding_of(path: Path) -> str | None:
 
 def lines_of(path: Path, encoding: str) -> Iterator[str]:
     """Lines with their ends; undecodable bytes are preserved."""
-    with path.open(encoding=encoding, errors=_AS_IT_IS[encoding], newline="") as file:
+    with path.open(encoding=encoding, errors=AS_IT_IS[encoding], newline="") as file:
         yield from file
 
 
@@ -453,7 +477,7 @@ def inspect_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
 def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: Path) -> int:
     """Rewrite a file redacted; return the number of changes. Raises OSError."""
     count = 0
-    with target.open("w", encoding=encoding, errors=_AS_IT_IS[encoding], newline="") as written:
+    with target.open("w", encoding=encoding, errors=AS_IT_IS[encoding], newline="") as written:
         for line in lines_of(path, encoding):
             text, here = work.redact(line, file, yaml=path.suffix.lower() in _YAML)
             written.write(text)

@@ -124,9 +124,14 @@ def test_an_address_is_fetched_once_and_nothing_of_it_leaves_its_folder(
         LocalEngine(replace(SETTINGS, model=str(found)))
 
 
-def test_an_archive_without_a_model_leaves_nothing(folders: tuple[Path, Path], served: tuple[Path, str]) -> None:
+@pytest.mark.parametrize("fault", ["no model", "damaged"])
+def test_an_archive_without_a_model_leaves_nothing(
+    folders: tuple[Path, Path], served: tuple[Path, str], fault: str
+) -> None:
     folder, address = served
-    packed = _packed(**{"readme.txt": b"nothing"})
+    packed = _packed(**{"readme.txt" if fault == "no model" else "model.bin": b"nothing"})
+    if fault == "damaged":
+        packed = packed.replace(b"\x14\x00\x00\x00\x00\x00", b"\x14\x00\x01\x00\x0e\x00")  # encrypted LZMA
     (folder / "small.zip").write_bytes(packed)
     wanted = replace(SETTINGS, model=f"{address}/small.zip", sha256=hashlib.sha256(packed).hexdigest())
     with pytest.raises(NoEngineError, match="could not be unpacked"):

@@ -1,5 +1,7 @@
 """Output formats of detectors with synthetic values: position of boxes and keypoints in the image."""
 
+import tracemalloc
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from caris_desktop.perception.backends.network import (
     planes_rgb,
     suppress,
 )
+from caris_desktop.perception.backends.runtimes import metadata_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.weights import Weights
 
@@ -162,6 +165,13 @@ def test_metadata_of_a_file_is_read_and_never_run(tmp_path: Path) -> None:
     trap = f"__import__('pathlib').Path({str(tmp_path / 'made')!r}).touch()"
     assert facts_of({"names": trap, "kpt_shape": "(" * 500}) == ModelFacts()
     assert not (tmp_path / "made").exists()
+    assert len(facts_of({"names": "{0: 'person', 999999999: 'x'}"}).class_names) <= 10_000
+    with zipfile.ZipFile(tmp_path / "a.tflite", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("metadata.json", '{"task": "pose", "x": "' + " " * 100_000_000 + '"}')
+    tracemalloc.start()
+    assert metadata_of(tmp_path / "a.tflite") == {}
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
 
 
 def test_of_boxes_of_one_group_the_surest_stays() -> None:

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from caris_desktop.perception.cameras.camera_source import parse_camera
+from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 from caris_desktop.perception.cameras.stream_camera import StreamCamera
 
 _ONE = 1 << 16
@@ -32,6 +32,15 @@ def _video(path: Path, clockwise_deg: int) -> Path:
     content[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
     path.write_bytes(content)
     return path
+
+
+def test_a_playlist_shows_no_other_file(tmp_path: Path) -> None:
+    private = _video(tmp_path / "private.mp4", 0)
+    shared = tmp_path / "shared" / "camera.m3u8"
+    shared.parent.mkdir()
+    shared.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:1,\n{private}\n#EXT-X-ENDLIST\n")
+    with pytest.raises(CameraError):
+        StreamCamera(parse_camera(str(shared)))
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 """Search for names and images in every encoding and compression that files use, without false matches."""
 
 import base64
+import bz2
 import gzip
 import io
 import json
+import lzma
 import sqlite3
 import zipfile
 from collections.abc import Callable
@@ -19,6 +21,7 @@ from pyarrow import parquet
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import byte_search
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Hit
+from caris_desktop.recording.forgetting.erasure_files import is_opaque
 from caris_desktop.recording.forgetting.text_erasure import all_of
 from caris_desktop.recording.session.events_file import McapFile
 from tests.recording.forgetting.named_study import NAME, portrait
@@ -53,6 +56,8 @@ def whats(hits: tuple[Hit, ...]) -> set[str]:
         b"Quillfeather's cup, and no first name",
         b"/home/lab2/studies/2026/tour/ZoeQuillfeather/video-front-0001.mp4",
         b"hello zoe",
+        "a;Zoë;b".encode("cp1252"),
+        "a;ZOË;b".encode("cp1252"),
     ],
 )
 def test_a_name_is_found_however_a_text_writes_it(search: ByteSearch, text: bytes) -> None:
@@ -73,6 +78,51 @@ def test_pictures_of_others_and_words_that_only_contain_a_part_are_not_taken_for
     assert not search.data(others).hits
     assert not search.data(b"An annual canada, bannister; sha256 0ada" + b"4ada7" * 20).hits
     assert len(search.data(b"Ann, ADA and Ann_Ada; ann's").hits) == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        ("Jürgen Groß", "MUELLER, JUERGEN; Gross"),
+        ("Søren Kjær", "soren, soeren, KJAER"),
+        ("Łukasz", "Lukasz"),
+        ("O'Brien", "o’brien"),
+        ("O’Brien", "O'Brien"),
+        ("Иван", "Иван".encode("cp1251")),
+        ("李娜", "李娜".encode("gbk")),
+    ],
+)
+def test_a_name_is_found_as_typed_without_its_letters_and_in_the_code_page_of_its_country(
+    name: str, written: str | bytes
+) -> None:
+    content = written.encode() if isinstance(written, str) else written
+    names = len(content.split(b",")) if isinstance(written, str) else 1
+    assert len(ByteSearch(all_of([name], [])).data(content).hits) >= names
+
+
+@pytest.mark.parametrize("kind", ["gz", "bz2", "xz", "zst", "zip", "lzma.zip", "sqlite", "parquet"])
+def test_a_damaged_file_is_named_and_its_other_bytes_are_searched(kind: str, tmp_path: Path) -> None:
+    path, search = tmp_path / f"damaged.{kind}", ByteSearch(all_of([NAME], []))
+    noise = np.random.default_rng(1).bytes(300_000)
+    if kind == "parquet":
+        parquet.write_table(pa.table({"text": [noise]}), path)
+    elif kind == "sqlite":
+        with closing(sqlite3.connect(path)) as database:
+            database.execute("CREATE TABLE t (content BLOB)")
+            database.executemany("INSERT INTO t VALUES (?)", [(noise,)] * 2)
+            database.commit()
+    elif kind.endswith("zip"):
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA if "lzma" in kind else zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("a.txt", noise)
+    else:
+        pack = {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress, "zst": zstandard.compress}[kind]
+        path.write_bytes(pack(noise))
+    content = path.read_bytes()
+    path.write_bytes(content[:100_000] + SENTENCE.encode() + bytes(90_000) + content[200_000:])
+    searched = search.file(path)
+    assert searched.closed
+    assert {hit.inside for hit in searched.hits if hit.what == "name"} == {""}
+    assert is_opaque(path) in (True, False)
 
 
 def test_a_name_in_a_script_without_spaces_is_found_among_its_neighbours() -> None:

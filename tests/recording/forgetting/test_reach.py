@@ -1,5 +1,6 @@
 """Scope of an erasure: checksums, links, copies, unprocessed media, and the user's files."""
 
+import gzip
 import hashlib
 import json
 import os
@@ -113,6 +114,48 @@ def test_all_sessions_behind_a_link_are_the_studys(study: Path) -> None:
     assert hits_in(elsewhere) == {}
 
 
+def test_names_of_files_and_targets_of_links_are_redacted_also_where_they_become_equal(study: Path) -> None:
+    for number, name in enumerate(("Quillfeather.txt", "quillfeather.txt", "QUILLFEATHER.txt")):
+        (study / name).write_text(str(number), encoding="utf-8")
+    (study / "Quillfeather").mkdir()
+    (study / "quillfeather").mkdir()
+    (study / "latest").symlink_to("Quillfeather.txt")
+    (study / "gone").symlink_to("missing-Quillfeather.txt")
+    (study / "circle").symlink_to("circle")
+    assert forget(study).complete
+    named = [path.name for path in study.rglob("*")] + [str((study / name).readlink()) for name in ("latest", "gone")]
+    assert [name for name in named if "quillfeather" in name.lower()] == []
+    assert {path.read_text("utf-8") for path in study.glob("*.txt")} == {"0", "1", "2"}
+    assert (study / "latest").exists()
+    assert len([path for path in study.iterdir() if path.is_dir()]) == 4  # with sessions and forgotten
+
+
+def test_a_link_to_a_path_elsewhere_that_names_the_person_is_a_problem(study: Path) -> None:
+    folder = sessions_of(study)[0]
+    elsewhere = study.parent / "quillfeathers disk"
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)
+    outcome = forget(study)
+    assert not outcome.complete
+    assert any("points to a path that names the person" in problem for problem in outcome.problems)
+    assert folder.exists()
+
+
+def test_names_of_files_that_are_not_utf_8_stop_nothing(study: Path) -> None:
+    folders = (study, sessions_of(study)[0])
+    for folder in folders:
+        Path(os.fsdecode(os.fsencode(folder) + b"/note-\xff.txt")).write_text(NAME, encoding="utf-8")
+    assert forget(study).complete
+    assert hits_in(study) == {}
+    assert any("note-\udcff" in one["file"] for one in receipt_of(study)["files"])
+
+
+def test_a_text_in_a_code_page_is_redacted_and_the_rest_is_as_it_was(study: Path) -> None:
+    (study / "coders.csv").write_bytes("id;name\n1;Zoë\n2;Jürgen\n".encode("cp1252"))
+    assert forget(study).complete
+    assert (study / "coders.csv").read_bytes() == "id;name\n1;[forgotten]\n2;Jürgen\n".encode("cp1252")
+
+
 @pytest.mark.parametrize("kind", ["film", "file", "folder"])
 @pytest.mark.long("folder")
 def test_another_link_out_of_the_study_is_refused_by_name(study: Path, kind: str) -> None:
@@ -171,13 +214,14 @@ def test_copies_of_removed_films_go_with_them(study: Path) -> None:
     assert not copy.exists()
 
 
-@pytest.mark.long
 def test_a_hard_link_from_outside_is_reported(study: Path) -> None:
-    outside = study.parent / "film.mp4"
-    os.link(sessions_of(study)[0] / "video-front.mp4", outside)
+    (study / "notes.txt").write_text(NAME, encoding="utf-8")
+    for path in (study / "notes.txt", sessions_of(study)[0] / "video-front.mp4"):
+        os.link(path, study.parent / path.name)
     outcome = forget(study)
     assert not outcome.complete
-    assert any("video-front.mp4 has a hard link outside" in problem for problem in outcome.problems)
+    for name in ("notes.txt", "video-front.mp4"):
+        assert any(f"{name} has a hard link outside" in problem for problem in outcome.problems)
 
 
 def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
@@ -190,7 +234,16 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     cv2.imwrite(str(study / "photos" / "untagged.png"), np.zeros((8, 8, 3), np.uint8))
     (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
     (study / "consent.pdf").write_bytes(b"%PDF-1.7 packed")
-    for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt")):
+    for name, content in (
+        ("clip.MTS", (bytes(4) + b"G" + bytes(187)) * 3),
+        ("phone.3gp", b"\0\0\0\x20ftyp3gp5"),
+        ("backup", b"7z\xbc\xaf\x27\x1c packed"),
+        ("ID3 FORM.txt", b"FORM 3"),
+    ):
+        (study / name).write_bytes(content)
+    (study / "film.gz").write_bytes(gzip.compress(b"\0\0\0\x20ftypisom"))
+    (study / "text.gz").write_bytes(gzip.compress(b"something"))
+    for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt"), ("nested.zip", "films.zip")):
         with zipfile.ZipFile(study / name, "w") as archive:
             archive.writestr(inside, b"something")
     with tarfile.open(study / "photos.tar.gz", "w:gz") as packed:
@@ -201,8 +254,8 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     name = f"sessions/{blind.name}"
     assert {f"{name}/video-front.mp4", f"{name}/audio-microphone.wav", f"{name}/photos/0001.png"} <= listed
     assert {"interviews/first.MP3", "photos/untagged.png", "torn.zip", "consent.pdf"} <= listed
-    assert {"films.zip", "photos.tar.gz"} <= listed
-    assert "texts.zip" not in listed
+    assert {"films.zip", "photos.tar.gz", "nested.zip", "film.gz", "clip.MTS", "phone.3gp", "backup"} <= listed
+    assert listed.isdisjoint({"texts.zip", "text.gz", "ID3 FORM.txt"})
     assert not any(file.startswith(f"sessions/{folder.name}/") for folder in sessions_of(study)[:2] for file in listed)
     receipt = receipt_of(study)
     assert receipt["complete"] is False
@@ -236,8 +289,9 @@ def test_the_users_own_files_are_searched_and_cleaned(study: Path) -> None:
     kept.write_text(NAME, encoding="utf-8")
     sound = home / "voice" / "1.wav"
     sound.write_bytes(b"RIFF of a name")
+    (home / "trap").symlink_to(home / "documents")
     own = OwnFiles(
-        home / "state" / "said", home / "state" / "log", (home / "voice",),
+        home / "state" / "said", home / "state" / "log", (home / "voice", home / "trap"),
         (home / "state", home / "config", home / "documents"), (home / "documents",),
     )  # fmt: skip
     with log.open("a", encoding="utf-8") as still_open:
