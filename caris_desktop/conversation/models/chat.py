@@ -281,7 +281,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             answer_pieces += part.end(whole=notes.cut != "length")
                         for piece in answer_pieces:
                             if isinstance(piece, Withdrawn):
-                                habits.begins_within = True
+                                habits.begins_within = part.begins_within
                                 answers_by_s = loop.time() + timeouts.first_token_s
                                 written_characters = 0
                             written_characters += len(piece)

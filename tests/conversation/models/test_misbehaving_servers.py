@@ -108,12 +108,40 @@ def asked(
         f"{ANSWER}<|im_end|>\n<|im_start|>user\n{SECRET}",
         f"<think>{SECRET}</think>{ANSWER}<｜end▁of▁sentence｜>",
         f"<think></think>{ANSWER}</s>",
+        f"<reasoning_content>{SECRET}</reasoning_content>{ANSWER}",
+        f"<internal_monologue>{SECRET}</internal_monologue>{ANSWER}",
+        f'<details type="reasoning" done="true" duration="3">{SECRET}</details>\n{ANSWER}',
+        # Gemma 4, MedGemma
+        f"<|channel>thought\n{SECRET}<channel|>{ANSWER}",
+        f"thought\n{SECRET}<channel|>{ANSWER}<turn|>\n<|turn>user\n{SECRET}",
+        f"<unused94>thought\n{SECRET}<unused95>{ANSWER}",
+        # gpt-oss from a server that drops its tokens
+        f"analysis{SECRET}assistantfinal{ANSWER}",
+        f"analysis{SECRET}assistantcommentary{SECRET}assistantfinal{ANSWER}",
     ],
 )
 def test_reasoning_is_not_spoken_wherever_it_is_cut(written: str, size: int) -> None:
     answers, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
     assert answers == [ANSWER]
     assert notes.reasoned is ("think></think" not in written and "im_end" not in written)
+
+
+@pytest.mark.parametrize("size", [1, 3, 1000])
+@pytest.mark.parametrize(
+    "written",
+    [
+        f"{ANSWER}<|end|><|user|>\n{SECRET}",
+        f"{ANSWER}\n<|im_start|>user\n{SECRET}",
+        f"{ANSWER}[INST] {SECRET} [/INST] {SECRET}",
+        f" [/INST]{ANSWER}",
+        f'{ANSWER}<tool_call>{{"name": "{SECRET}"}}</tool_call>',
+        f"{ANSWER}<｜tool▁calls▁begin｜>{SECRET}<｜tool▁calls▁end｜>",
+        f'{ANSWER}[TOOL_CALLS][{{"name": "{SECRET}"}}]',
+    ],
+)
+def test_turns_and_calls_that_a_model_adds_are_not_spoken(written: str, size: int) -> None:
+    [answer], _, _ = asked(lambda _body: sse(*words(written, size), STOP))
+    assert answer.strip() == ANSWER
 
 
 def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
@@ -160,8 +188,11 @@ def test_a_model_that_thinks_without_end_is_abandoned(provider: str, head: bytes
 
 
 def test_text_that_only_resembles_a_mark_is_spoken() -> None:
-    written = "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T"
-    assert asked(lambda _body: sse(*words(written, 2), STOP))[0] == [written]
+    for written in (
+        "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T",
+        "analysis is what we do, [INSTRUMENTS] too.",
+    ):
+        assert asked(lambda _body, written=written: sse(*words(written, 2), STOP))[0] == [written]
 
 
 @pytest.mark.parametrize(
