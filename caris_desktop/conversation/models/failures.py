@@ -97,11 +97,17 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
     return LanguageModelError(localized(what, place=endpoint.place, seconds=f"{seconds:g}"), meaning, advice)
 
 
+_ERROR_TEXTS = ("message", "detail", "msg", "errors")
+
+
 def error_in(message: dict[str, Any]) -> str:
     """Error reason in a server's message, in any of the common formats."""
-    error = message.get("error") or message.get("message") or message.get("detail") or ""
+    error = next((message[name] for name in ("error", *_ERROR_TEXTS) if message.get(name)), "")
     if isinstance(error, dict):
-        error = error.get("message", "")
+        # OpenRouter quotes the model's own server there.
+        metadata = error.get("metadata")
+        quoted = metadata.get("raw") if isinstance(metadata, dict) else None
+        error = ": ".join(str(part) for part in (error.get("message"), quoted) if part) or error.get("type", "")
     if isinstance(error, list):
         error = "; ".join(map(_as_fastapi_says, error))
     return shortened(str(error)) if error else "no reason given"
@@ -112,12 +118,14 @@ def _as_fastapi_says(error: object) -> str:
         return str(error)
     where = error.get("loc")
     named = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
-    return ": ".join((*named, str(error.get("msg", "")))).strip(": ")
+    return ": ".join((*named, str(error.get("msg") or error.get("message", "")))).strip(": ")
 
 
 def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:
-    """Raise an error object, which some servers send within a stream."""
-    if message.get("error"):
+    """Raise an error object, which some servers send within a stream, or with the status of success."""
+    without_answer = not any(message.get(name) for name in ("choices", "candidates"))
+    texts = [message.get(name) for name in _ERROR_TEXTS]
+    if message.get("error") or (without_answer and any(text and isinstance(text, str | list) for text in texts)):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
             localized(
@@ -137,6 +145,9 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         what, advice = QT_TR_NOOP("{place} refused access{said}."), localized(QT_TR_NOOP("Check {where}."), where=where)
+    elif status == 404 and detail and not re.search(r"model|deployment|engine", detail, re.IGNORECASE):
+        what = QT_TR_NOOP("{place} does not answer questions at this address (HTTP status {status}){said}.")
+        advice = QT_TR_NOOP("Check the server's address: most end in /v1.")
     elif status == 404:
         what, advice = (
             QT_TR_NOOP("{place} does not have the model {model}{said}."),
@@ -146,7 +157,9 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         )
     elif status == 429:
         what = QT_TR_NOOP("{place} is not accepting questions now{said}.")
-        advice = QT_TR_NOOP("Wait a moment, then ask again.")
+        advice = QT_TR_NOOP("Wait a moment, then ask again; the account may have no credit left.")
+    elif status == 402:
+        advice = QT_TR_NOOP("Check the credit of the account, or choose another model.")
     elif status >= 500:
         what = QT_TR_NOOP("{place} failed (HTTP status {status}){said}.")
         advice = QT_TR_NOOP("Ask again in a moment.")
@@ -165,9 +178,13 @@ def _advice_for(reason: str) -> str:
     reason = reason.lower()
     if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
         return QT_TR_NOOP("Shorten the system prompt, the question or its context, or choose a larger model.")
+    if re.search(r"filter|moderat|content management|safety|policy", reason):
+        return QT_TR_NOOP("Rephrase the question, remove something from its context, or choose another model.")
     if re.search(r"memory|overload", reason):
         return QT_TR_NOOP("Close other programs on the computer that runs the model, or choose a smaller model.")
-    if re.search(r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not available)|invalid model", reason):
+    if re.search(
+        r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not a|decommission)|invalid model", reason
+    ):
         return QT_TR_NOOP("Check the model's name.")
     if re.search(r"image|picture|vision|multimodal", reason):
         return QT_TR_NOOP("Ask without the picture, or choose another model.")
