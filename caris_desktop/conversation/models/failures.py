@@ -97,6 +97,7 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
     return LanguageModelError(localized(what, place=endpoint.place, seconds=f"{seconds:g}"), meaning, advice)
 
 
+NO_REASON = "no reason given"
 _ERROR_TEXTS = ("message", "detail", "msg", "errors")
 
 
@@ -110,7 +111,7 @@ def error_in(message: dict[str, Any]) -> str:
         error = ": ".join(str(part) for part in (error.get("message"), quoted) if part) or error.get("type", "")
     if isinstance(error, list):
         error = "; ".join(map(_as_fastapi_says, error))
-    return shortened(str(error)) if error else "no reason given"
+    return shortened(str(error)) if error else NO_REASON
 
 
 def _as_fastapi_says(error: object) -> str:
