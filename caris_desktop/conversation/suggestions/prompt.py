@@ -149,7 +149,6 @@ _ABOUT_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b"
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
 # Small models repeat themselves. "No, no, no" is still natural.
 _OVER_AND_OVER = re.compile(r"\b(\w+(?:\W+\w+){1,7})(?:\W+\1\b){2,}|\b(\w+)(?:\W+\2\b){3,}", re.IGNORECASE)
-_BEGINS = re.compile(r"^(?:(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE)
 
 
 def replies_in(written: str) -> tuple[str, ...]:
@@ -210,8 +209,7 @@ def fit_to_say(text: str) -> str:
     if _CUT_OFF.search(text):
         return ""
     text = unicodedata.normalize("NFC", text.encode("utf-8", "ignore").decode("utf-8"))
-    text = spoken(" ".join(text.split()))
-    text = _BEGINS.sub("", text).strip(" \"'“”„«»")
+    text = spoken(" ".join(text.split())).strip(" \"'“”„«»")
     if _ABOUT_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
         # Braces are placeholders, which only the wizard fills.
         return ""
