@@ -806,3 +806,13 @@ def test_files_that_the_metadata_omits_are_named(tmp_path: Path) -> None:
     folder = write_ros2(tmp_path / "b", _set_back(0), storage=MCAP, mode=CompressionMode.NONE)
     shutil.copy(folder / "b.mcap", folder / "b_1.mcap")
     assert any("b_1.mcap" in note for note in import_bag(folder, tmp_path / "s").notes)
+
+
+def test_the_colour_images_of_a_depth_camera_are_shown(tmp_path: Path) -> None:
+    topics_of_it = (
+        "/depth_camera/image_raw", "/depth_camera/depth/image_raw", "/camera/aligned_depth_to_color/image_raw",
+        "/camera/depth/image_rect_raw", "/head/depth_registered/image",
+    )  # fmt: skip
+    written = [(topic, "sensor_msgs/msg/Image", 10 + at, raw_image(at, T0_NS)) for at, topic in enumerate(topics_of_it)]
+    report = import_bag(write_ros1(tmp_path / "r.bag", iter(written)), tmp_path / "s")
+    assert {topic for topic, (became, _) in topics(report).items() if became} == {"/depth_camera/image_raw"}
