@@ -188,6 +188,47 @@ def test_tables_of_boris_are_read_and_what_is_skipped_is_counted(
     assert skipped == left_out
 
 
+def _boris(tmp_path: Path, *events: str) -> tuple[list[tuple[str, int, int, str]], list[str]]:
+    path, skipped = tmp_path / "boris.csv", list[str]()
+    head = "Observation id,Subject,Behavior,Modifier #1,Behavior type,"
+    times = "Time" if any("START" in event for event in events) else "Start (s),Stop (s)"
+    path.write_text("\n".join((head + times, *(f"obs1,P1,{event}" for event in events))), encoding="utf-8")
+    document = read_csv(path, skipped=skipped)
+    names = {tier.tier_id: tier.name for tier in document.tiers}
+    return sorted((names[one.tier_id], one.start_ms, one.end_ms, one.value) for one in document.annotations), skipped
+
+
+def test_states_of_boris_with_other_modifiers_are_other_states(tmp_path: Path) -> None:
+    # The first one was never stopped.
+    found, skipped = _boris(tmp_path, "points,left,START,1.0", "points,right,START,5.0", "points,right,STOP,6.0")
+    assert found == [("points", 5000, 6000, "points (right)")]
+    assert skipped == ["Skipped rows with a start but no stop: 1."]
+    found, _ = _boris(
+        tmp_path,
+        "points,left,START,1.0", "points,right,START,2.0", "points,right,STOP,3.0", "points,left,STOP,4.0",
+    )  # fmt: skip
+    assert found == [
+        ("points (left)", 1000, 4000, "points (left)"), ("points (right)", 2000, 3000, "points (right)"),
+    ]  # fmt: skip
+
+
+def test_a_state_of_boris_without_a_stop_is_no_moment(tmp_path: Path) -> None:
+    found, skipped = _boris(tmp_path, "looks,,STATE,1.0,NA", "nods,,POINT,2.0,NA")
+    assert found == [("nods", 2000, 2200, "nods")]
+    assert skipped == ["Skipped rows with a start but no stop: 1."]
+
+
+def test_a_quotation_mark_in_a_text_of_elan_swallows_no_line(tmp_path: Path) -> None:
+    path = tmp_path / "elan.txt"
+    path.write_text(
+        "Tier\tBegin Time - msec\tEnd Time - msec\tAnnotation\n"
+        'Talk\t1000\t2000\t"Hello\nTalk\t3000\t4000\tyou," he said\nTalk\t5000\t6000\t"Bye\n',
+        encoding="utf-8",
+    )
+    found = [(one.start_ms, one.value) for one in read_csv(path).annotations]
+    assert found == [(1000, '"Hello'), (3000, 'you," he said'), (5000, '"Bye')]
+
+
 def test_an_annotation_without_length_is_a_moment(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("tier,start_ms,end_ms,value\nGaze,100,100,blink\nGaze,150,400,robot\nGaze,900,900,blink\n", "utf-8")
