@@ -99,27 +99,29 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
 
 NO_REASON = "no reason given"
 _ERROR_TEXTS = ("message", "detail", "msg", "errors")
+_DEEPEST = 5
 
 
 def error_in(message: dict[str, Any]) -> str:
     """Error reason in a server's message, in any of the common formats."""
-    error = next((message[name] for name in ("error", *_ERROR_TEXTS) if message.get(name)), "")
-    if isinstance(error, dict):
-        # OpenRouter quotes the model's own server there.
-        metadata = error.get("metadata")
-        quoted = metadata.get("raw") if isinstance(metadata, dict) else None
-        error = ": ".join(str(part) for part in (error.get("message"), quoted) if part) or error.get("type", "")
-    if isinstance(error, list):
-        error = "; ".join(map(_as_fastapi_says, error))
-    return shortened(str(error)) if error else NO_REASON
+    return shortened(_reason_of(message)) or NO_REASON
 
 
-def _as_fastapi_says(error: object) -> str:
-    if not isinstance(error, dict):
-        return str(error)
+def _reason_of(error: object, depth: int = 0) -> str:
+    if isinstance(error, str):
+        return error
+    if isinstance(error, list) and depth < _DEEPEST:
+        return "; ".join(filter(None, (_reason_of(each, depth + 1) for each in error)))
+    if not isinstance(error, dict) or depth == _DEEPEST:
+        return ""
+    # FastAPI names the field.
     where = error.get("loc")
-    named = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
-    return ": ".join((*named, str(error.get("msg") or error.get("message", "")))).strip(": ")
+    parts = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
+    parts.append(next(filter(None, (_reason_of(error.get(name), depth + 1) for name in ("error", *_ERROR_TEXTS))), ""))
+    # OpenRouter quotes the model's own server.
+    metadata = error.get("metadata")
+    parts.append(_reason_of(metadata.get("raw") if isinstance(metadata, dict) else "", depth + 1))
+    return ": ".join(filter(None, parts)) or (_reason_of(error.get("type"), depth + 1) if depth else "")
 
 
 def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:

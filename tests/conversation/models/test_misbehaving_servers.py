@@ -440,6 +440,11 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         (whole({"error": {"message": "some-model is not a valid model ID"}}, "400 Bad Request"), "not a valid",
          "Check the model's name"),
         (whole({"detail": "Not Found"}, "404 Not Found"), "at this address", "/v1"),
+        # Mistral and Open WebUI
+        (whole({"object": "error", "message": {"detail": [{"loc": ["body", "tools"], "msg": "Extra inputs"}]}},
+               "422 Unprocessable"), "tools: Extra inputs", "the reason names"),
+        (whole({"error": True, "message": "The server is asleep"}), "The server is asleep", "Ask again"),
+        (whole({"error": {"type": "overloaded_error"}}), "overloaded_error", "Ask again"),
         (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)",
          "Rephrase the question"),
     ],
