@@ -289,10 +289,26 @@ def _plain(text: str) -> str:
     return " ".join(_SIGNS.sub(" ", text.casefold()).split())
 
 
+# As servers of Whisper name the languages.
+_CODES = {
+    "english": "en", "german": "de", "french": "fr", "spanish": "es", "italian": "it", "portuguese": "pt",
+    "dutch": "nl", "polish": "pl", "czech": "cs", "swedish": "sv", "danish": "da", "norwegian": "no", "finnish": "fi",
+    "hungarian": "hu", "romanian": "ro", "greek": "el", "turkish": "tr", "russian": "ru", "ukrainian": "uk",
+    "arabic": "ar", "hebrew": "he", "hindi": "hi", "indonesian": "id", "vietnamese": "vi", "chinese": "zh",
+    "japanese": "ja", "korean": "ko",
+}  # fmt: skip
+
+
+def language_code(language: str) -> str:
+    """Code, as ``de``, of a code with a region or of a name, as ``German``; other names in lower case."""
+    name = language.replace("_", "-").partition("-")[0].strip().lower()
+    return _CODES.get(name, name)
+
+
 @cache
 def _subtitles(language: str) -> frozenset[str]:
     """Phrases of a language and of English, which occurs in silence of any."""
-    code = language.replace("_", "-").partition("-")[0].lower()
+    code = language_code(language)
     languages = ("en", code) if code in _SUBTITLES else tuple(_SUBTITLES)
     return frozenset(_plain(phrase) for each in languages for phrase in _SUBTITLES[each])
 

@@ -16,7 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, Recognised
-from caris_desktop.conversation.listening.recognised_words import RecognisedWord, is_nothing, words_only
+from caris_desktop.conversation.listening.recognised_words import (
+    RecognisedWord,
+    is_nothing,
+    language_code,
+    words_only,
+)
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
 from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
@@ -116,7 +121,7 @@ class ServerEngine:
                 # whisper.cpp reports errors with the status of success.
                 failed = QT_TR_NOOP("The transcription server at {server} reported an error ({reason}).")
                 raise self._away(failed, _advice(status), reason=without(self._key, reason))
-            language = str(answer.get("language") or self.language)
+            language = language_code(str(answer.get("language") or self.language))
             return Recognised(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
             what = QT_TR_NOOP("The transcription server at {server} returned an invalid transcription.")

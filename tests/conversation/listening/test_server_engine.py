@@ -234,3 +234,11 @@ def test_a_form_that_is_not_implemented_is_requested_in_the_other(server: Server
     with pytest.raises(EngineUnavailableError, match="500"):
         engine(server.address).transcribe(SOUND, "", careful=True)
     assert len(server.asked) == 3
+
+
+@pytest.mark.parametrize(
+    ("reported", "code"), [("english", "en"), ("German", "de"), ("pt-BR", "pt"), ("welsh", "welsh"), (None, "fr")]
+)
+def test_the_language_is_recorded_as_a_code(server: Server, reported: str | None, code: str) -> None:
+    server.body = json.dumps({"text": "Hello", "language": reported}).encode()
+    assert engine(server.address, language="fr").transcribe(SOUND, "", careful=True).language == code
