@@ -243,7 +243,7 @@ def gemini_parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | No
         raise unusable(endpoint, "a candidate is not an object")
     text, alive = _gemini_text(endpoint, candidate.get("content") or {})
     reason = str(candidate.get("finishReason") or "")
-    cut = _GEMINI_CUTS.get(reason, "filter") if reason else ""
+    cut = _GEMINI_CUTS.get(reason.upper(), "filter") if reason else ""
     return Chunk(text, alive, ended=bool(reason), version=version, cut=cut, why=reason)
 
 

@@ -144,7 +144,10 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
 def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
     """Error of an HTTP status. ``detail`` is the server's text without the key."""
     _log.warning("%s answered with HTTP status %d", endpoint.place, status)
-    what, advice = QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."), _advice_for(detail)
+    what = QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}.")
+    advice = _advice_for(detail) or QT_TR_NOOP(
+        "Correct the setting that the reason names under assistant in the scenario, or choose another model."
+    )
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         what, advice = QT_TR_NOOP("{place} refused access{said}."), localized(QT_TR_NOOP("Check {where}."), where=where)
@@ -165,7 +168,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         advice = QT_TR_NOOP("Check the credit of the account, or choose another model.")
     elif status >= 500:
         what = QT_TR_NOOP("{place} failed (HTTP status {status}){said}.")
-        advice = QT_TR_NOOP("Ask again in a moment.")
+        advice = _advice_for(detail) or QT_TR_NOOP("Ask again in a moment.")
     elif 300 <= status < 400:
         what = QT_TR_NOOP(
             "{place} redirects the question to another address (HTTP status {status}). Redirects are not followed."
@@ -177,7 +180,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
 
 
 def _advice_for(reason: str) -> str:
-    """Advice by the server's reason."""
+    """Advice by the server's reason; empty for unknown ones."""
     reason = reason.lower()
     if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
         return QT_TR_NOOP("Shorten the system prompt, the question or its context, or choose a larger model.")
@@ -191,9 +194,7 @@ def _advice_for(reason: str) -> str:
         return QT_TR_NOOP("Check the model's name.")
     if re.search(r"image|picture|vision|multimodal", reason):
         return QT_TR_NOOP("Ask without the picture, or choose another model.")
-    return QT_TR_NOOP(
-        "Correct the setting that the reason names under assistant in the scenario, or choose another model."
-    )
+    return ""
 
 
 def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_started: bool) -> LanguageModelError:

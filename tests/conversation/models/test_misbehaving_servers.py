@@ -443,6 +443,8 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         # Mistral and Open WebUI
         (whole({"object": "error", "message": {"detail": [{"loc": ["body", "tools"], "msg": "Extra inputs"}]}},
                "422 Unprocessable"), "tools: Extra inputs", "the reason names"),
+        (whole({"error": "model requires more system memory (5.5 GiB) than is available"}, "500 Internal Server Error"),
+         "system memory", "smaller model"),
         (whole({"error": True, "message": "The server is asleep"}), "The server is asleep", "Ask again"),
         (whole({"error": {"type": "overloaded_error"}}), "overloaded_error", "Ask again"),
         (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)",
