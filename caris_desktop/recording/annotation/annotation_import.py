@@ -61,6 +61,7 @@ _WHOLE_SESSION = "session"
 _END = ("end", "end time", "stop", "offset", "end_session")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:[.,](\d{1,9}))?")
 _NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
+_EXCEL_HINT = re.compile(r"\A\"?sep=.\"?\r?\n", re.IGNORECASE)
 _HEADING = re.compile(
     r"(?P<base>.+?)(?:\s*-\s*(?P<elan>hh:mm:ss\.ms|ss\.msec|msec)"
     r"|[_ ]?[(\[](?P<bracketed>ms|msec|milliseconds|s|sec|seconds)[)\]]"
@@ -133,6 +134,7 @@ def _text(content: bytes) -> str:
 
 
 def _lines(text: str) -> list[_Line]:
+    text = _EXCEL_HINT.sub("\n", text)
     head = "\n".join(text[:_SNIFFED_CHARACTERS].splitlines()[:20])
     delimiter = max("\t;,", key=lambda candidate: _most_alike(head, candidate))
     lines = _parsed(text, delimiter, csv.QUOTE_MINIMAL)
