@@ -244,7 +244,7 @@ def _import(  # noqa: PLR0917 - all of one call
         except NotUnderstoodError as error:
             unreadable[channel] = str(error)
     casting = map_bag_topics(survey.counts, unreadable, from_caris=survey.own_session is not None)
-    if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
+    if not any(role.kind not in ("session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
             f"{path.name} contains no supported data ({len(survey.counts)} topics of the types {names}). "
@@ -283,7 +283,7 @@ def _import(  # noqa: PLR0917 - all of one call
         ended_ns = max(last_ns, clock.started_ns)
         if origin is not None and origin.ended_ns is not None and ended_ns < origin.ended_ns < ended_ns + _NEAR_NS:
             ended_ns = origin.ended_ns
-        _refuse_nothing(path, casting, used, faults)
+        _refuse_nothing(path, casting, used, faults, has_pose=bool(writer.counts["pose"]))
         videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
     except BaseException:
         writer.abandon()
@@ -317,9 +317,9 @@ def _import(  # noqa: PLR0917 - all of one call
 
 
 def _refuse_nothing(
-    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str]
+    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str], *, has_pose: bool
 ) -> None:
-    if not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
+    if not has_pose and not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
         first = next(iter(faults.values()), "no message could be read")
         raise BagError(f"{path.name} contains no usable message ({first}). Nothing was written.")
 

@@ -726,6 +726,16 @@ def _pose(at_ms: int, x_m: float) -> Written:
     )
 
 
+def test_positions_alone_are_a_recording(tmp_path: Path) -> None:
+    bag = write_ros1(tmp_path / "r.bag", (_pose(at_ms, at_ms / 1000) for at_ms in range(0, 1000, 100)))
+    report = import_bag(bag, tmp_path / "s")
+    assert report.values["pose"] == 10
+    unknown = message_conversion.encode_tf_message(ROS2, [("a", "b", Pose2D(0.0, 0.0, 0.0))], stamp_ns=T0_NS)
+    bag = write_ros1(tmp_path / "a.bag", iter([("/tf", "tf2_msgs/msg/TFMessage", 0, unknown)]))
+    with pytest.raises(BagError, match="Nothing was written"):
+        import_bag(bag, tmp_path / "a")
+
+
 def _set_back(by_ms: int) -> Iterator[Written]:
     """Robot that drives on for 10 s while the clock is set back in the middle."""
     for number in range(100):
