@@ -47,6 +47,7 @@ _LINE_END_AS_TEXT = re.compile(r"\\[nr](?![a-z])")
 _SPEAKER = re.compile(
     r"^(?:\d{1,2}[.)]\s+(?=[\"“„«]))?(?:(?:robot|reply|answer|response|assistant|guide)\s*\d?\s*:\s*)*", re.IGNORECASE
 )
+_NEXT_TURN = re.compile(r"\s*[#*]*\s*(?:human|user|instruction)\s*:", re.IGNORECASE)
 _QUOTED = re.compile(r"\"([^\"]+)\"|“([^“”]+)”|„([^„“”]+)[“”]|«([^«»]+)»|'([^']+)'")
 LONGEST_WRITTEN = 20_000
 """Characters; nobody listens for as long as that takes."""
@@ -58,6 +59,9 @@ def spoken(written: str) -> str:
     text = "".join((*part.process(html.unescape(written[:LONGEST_WRITTEN])), *part.end(whole=True)))
     text = _without_links(_LINE_END_AS_TEXT.sub("\n", _without_formulas(_FENCE.sub("", text))))
     lines = text.splitlines()
+    # Some models go on with the next turn.
+    others = next((number for number, line in enumerate(lines) if number and _NEXT_TURN.match(line)), None)
+    lines = lines[:others]
     leads = [_LEADS, _NUMBERED] if sum(_NUMBERED.match(line) is not None for line in lines) > 1 else [_LEADS]
     lines = [spoken_line for line in lines if (spoken_line := _line(line, leads))]
     # List items need sentence ends to be audible as a list.

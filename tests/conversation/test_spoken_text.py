@@ -27,6 +27,7 @@ from caris_desktop.conversation.spoken_text import spoken
         ("Robot: It closes at six.", "It closes at six."),
         ('**Assistant:** "It closes at six."', "It closes at six."),
         ('"Yes," she said, "at six."', '"Yes," she said, "at six."'),
+        ("It closes at six.\n\n**User:** And then?\nAssistant: It opens at nine.", "It closes at six."),
         # Sources, links and their definitions
         ("At six[1][2], see [this][3].\n\n[3]: https://lab.example 'Lab'", "At six, see this."),
         ("At six 【4†source】.[^1]\n\n[^1]: The web page.", "At six. The web page."),

@@ -143,9 +143,9 @@ class SpokenPart:
         self._assumed.clear()
 
     def _read_token(self, name: str) -> None:
-        if name in ("start", "channel", "start_header_id", "im_start"):
+        if name in ("start", "channel", "start_header_id", "im_start", "begin"):
             self._header, self._header_is_line = [], name == "im_start"
-        elif name in ("message", "end_header_id"):
+        elif name in ("message", "end_header_id", "content"):
             channel = "".join(self._header or ()).strip().lower()
             self._hides = name == "message" and channel.startswith(("analysis", "commentary", "thought"))
             self._header = None
@@ -154,5 +154,5 @@ class SpokenPart:
             self._hides, self._header = False, None
         elif "tool" in name or name == "python_tag":
             self._hides = not (name.startswith("/") or "end" in name)
-        elif "think" in name or "thought" in name:
-            self._hides = name.startswith(("start", "begin"))
+        elif "think" in name or "thought" in name or name.startswith("inner_"):
+            self._hides, self._header = not re.search(r"/|end|suffix", name), None

@@ -115,6 +115,9 @@ def asked(
         f"<|channel>thought\n{SECRET}<channel|>{ANSWER}",
         f"thought\n{SECRET}<channel|>{ANSWER}<turn|>\n<|turn>user\n{SECRET}",
         f"<unused94>thought\n{SECRET}<unused95>{ANSWER}",
+        # Solar Open, Apertus
+        f"<|begin|>assistant<|think|>{SECRET}<|end|><|begin|>assistant<|content|>{ANSWER}<|end|>",
+        f"<|inner_prefix|>{SECRET}<|inner_suffix|>{ANSWER}",
         # gpt-oss from a server that drops its tokens
         f"analysis{SECRET}assistantfinal{ANSWER}",
         f"analysis{SECRET}assistantcommentary{SECRET}assistantfinal{ANSWER}",
