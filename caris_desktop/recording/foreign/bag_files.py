@@ -152,22 +152,29 @@ def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
 
 
 def sorted_by_time(messages: Iterable[BagMessage], scratch: Path) -> Iterator[BagMessage]:
-    """Sort messages through a file in ``scratch``, for bags that were written topic by topic."""
+    """Sort messages through a file in ``scratch``, for bags that were written topic by topic. Raises BagError."""
+    try:
+        with closing(sqlite3.connect(scratch / "sorted.db")) as database:
+            yield from _sorted_in(database, messages)
+    except sqlite3.Error as error:
+        raise BagError(f"The messages could not be sorted by time in {scratch.parent}: {error}.") from error
+
+
+def _sorted_in(database: sqlite3.Connection, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
     channels: dict[BagChannel, int] = {}
-    with closing(sqlite3.connect(scratch / "sorted.db")) as database:
-        database.execute("PRAGMA journal_mode = OFF")
-        database.execute("PRAGMA synchronous = OFF")
-        database.execute("CREATE TABLE messages (at_ns INTEGER, channel INTEGER, data BLOB, fraction REAL)")
-        for message in messages:
-            number = channels.setdefault(message.channel, len(channels))
-            row = (message.at_ns, number, message.data, message.fraction)
-            database.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", row)
-        # Sorting by the index keeps the data in the file.
-        database.execute("CREATE INDEX by_time ON messages (at_ns)")
-        rows = database.execute("SELECT * FROM messages INDEXED BY by_time ORDER BY at_ns, rowid")
-        known = list(channels)
-        for at_ns, number, data, fraction in rows:
-            yield BagMessage(at_ns, known[number], data, fraction)
+    database.execute("PRAGMA journal_mode = OFF")
+    database.execute("PRAGMA synchronous = OFF")
+    database.execute("CREATE TABLE messages (at_ns INTEGER, channel INTEGER, data BLOB, fraction REAL)")
+    for message in messages:
+        number = channels.setdefault(message.channel, len(channels))
+        row = (message.at_ns, number, message.data, message.fraction)
+        database.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", row)
+    # Sorting by the index keeps the data in the file.
+    database.execute("CREATE INDEX by_time ON messages (at_ns)")
+    rows = database.execute("SELECT * FROM messages INDEXED BY by_time ORDER BY at_ns, rowid")
+    known = list(channels)
+    for at_ns, number, data, fraction in rows:
+        yield BagMessage(at_ns, known[number], data, fraction)
 
 
 def type_spelling(name: str) -> str:

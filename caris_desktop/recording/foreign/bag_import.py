@@ -366,6 +366,7 @@ class _Minutes:
         self._survey, self._notes = survey, notes
         self._parts: dict[tuple[int, int], _BagPart] = {}
         self._newest_ns: dict[int, int] = {}
+        self._jumped = False
 
     @property
     def parts(self) -> list[_BagPart]:
@@ -375,9 +376,7 @@ class _Minutes:
         """Add messages, given by number and time."""
         for number, at_ns in messages:
             run = self._survey.steps.run_of(number)
-            newest_ns = self._newest_ns[run] = max(self._newest_ns.get(run, 0), at_ns)
-            if newest_ns - at_ns > REORDER_NS:
-                self._survey.in_order = False
+            self._watch_order(run, at_ns)
             part = self._parts.get((run, at_ns // _MINUTE_NS))
             if part is not None:
                 part.first_ns, part.last_ns = min(part.first_ns, at_ns), max(part.last_ns, at_ns)
@@ -386,6 +385,15 @@ class _Minutes:
                 self._parts[run, at_ns // _MINUTE_NS] = _BagPart(run, at_ns, at_ns, 1, number)
             else:
                 self._notes.add("The times in the bag are spread too widely; messages at further times were skipped.")
+
+    def _watch_order(self, run: int, at_ns: int) -> None:
+        newest_ns = self._newest_ns.get(run, 0)
+        if newest_ns - at_ns > REORDER_NS:
+            self._survey.in_order = False
+        # One message hours ahead is a wrong stamp, to which the others are compared in vain.
+        self._jumped = at_ns - newest_ns >= _NEAR_NS and not self._jumped
+        if not self._jumped:
+            self._newest_ns[run] = max(newest_ns, at_ns)
 
 
 def _intervals(minutes: list[_BagPart]) -> list[_BagPart]:

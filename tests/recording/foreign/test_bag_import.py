@@ -5,6 +5,7 @@ import io
 import json
 import math
 import shutil
+import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,6 +37,7 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
+from caris_desktop.recording.foreign import bag_files
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
@@ -826,3 +828,21 @@ def test_the_colour_images_of_a_depth_camera_are_shown(tmp_path: Path) -> None:
     written = [(topic, "sensor_msgs/msg/Image", 10 + at, raw_image(at, T0_NS)) for at, topic in enumerate(topics_of_it)]
     report = import_bag(write_ros1(tmp_path / "r.bag", iter(written)), tmp_path / "s")
     assert {topic for topic, (became, _) in topics(report).items() if became} == {"/depth_camera/image_raw"}
+
+
+def test_only_a_bag_out_of_order_is_sorted_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_arguments: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(bag_files, "_sorted_in", full)
+    spoken = [
+        (20 * 10**9, "stray"),
+        *_driven(_TRUE_NS, 30),
+        (_TRUE_NS + 10**17, "stray"),
+        *_driven(_TRUE_NS + 10**10, 30),
+    ]
+    assert import_bag(_speech(tmp_path / "a.mcap", spoken), tmp_path / "s").values
+    one_by_one = sorted(_set_back(0), key=lambda written: written[0])
+    with pytest.raises(BagError, match="could not be sorted by time"):
+        import_bag(write_ros1(tmp_path / "r.bag", iter(one_by_one)), tmp_path / "r")
+    assert not (tmp_path / "r").exists()
