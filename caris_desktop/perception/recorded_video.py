@@ -79,7 +79,9 @@ class VideoFile(contextlib.AbstractContextManager["VideoFile"]):
                 first_s = frame.time if first_s is None else first_s
                 stamp_s = max(before_s, frame.time - first_s)
             count += 1
-            yield stamp_s, np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+            image_bgr = frame.to_ndarray(format="bgr24")
+            # As the file says, for an upright phone: counterclockwise, in degrees.
+            yield stamp_s, np.ascontiguousarray(np.rot90(image_bgr, round(frame.rotation / 90)), np.uint8)
         if not count:
             raise VideoFileError(f"{self._path.name} contains no frames.")
 

@@ -248,19 +248,39 @@ _CREDITS = re.compile(
 )  # fmt: skip
 _UNSURE_OF_SUBTITLE = 0.35
 _SIGNS = re.compile(r"[^\w\s']+")
-_BRACKETED = re.compile(r"^[\[(♪*].*[\])♪*]$")
+# Of these, what is said to viewers only.
+_TO_VIEWERS = re.compile(
+    r"watch|subscri|next video|zuschauen|regardé|abonne|ver el v|suscríb|visione|guardat|iscriv|assisti|inscreva|"
+    r"kijken|oglądan|tittade|så (?:med|på)|kats|megnézt|vizionar|παρακολουθ|izle|abone|просмотр|подпис|перегляд|"
+    r"підпис|مشاهدة|القناة|שצפית|देखने|menonton|theo dõi|đã xem|观看|觀看|订阅|訂閱|視聴|チャンネル|시청|구독|영상",
+    re.IGNORECASE,
+)
+# Sounds, speaker labels, times and tokens: in brackets anywhere, in parentheses at the beginning or end of a sentence.
+_NOT_WORDS = re.compile(
+    r"\[[^\[\]]{0,200}\]:?|<\|[^<>|]{0,40}\|>|♪[^♪\n]{0,200}♪?|\*\w[^*\n]{0,200}\w\*|"
+    r"(?:^|(?<=[.!?]))[ \t]{0,9}\([^()]{0,200}\)|\([^()]{0,200}\)[ \t]{0,9}$|^[ \t]{0,9}(?:>>|-)\s",
+    re.MULTILINE,
+)
 
 
-def is_nothing(text: str, *, no_speech: float, log_probability: float, language: str = "") -> bool:
-    """True for text that a recogniser produces without speech. ``language`` is that of the text, as in ``de`` or
-    ``pt-BR``; without one, or for an unlisted one, all lists apply.
+def words_only(text: str) -> str:
+    """``text`` of a recogniser without descriptions of sounds, speaker labels, times and tokens."""
+    return _NOT_WORDS.sub(" ", _NOT_WORDS.sub(" ", text))
+
+
+def is_nothing(text: str, *, no_speech: float | None, log_probability: float, language: str = "") -> bool:
+    """True for text that a recogniser produces without speech. ``no_speech`` is None where the recogniser does not
+    report it. ``language`` is that of the text, as in ``de`` or ``pt-BR``; without one, or for an unlisted one, all
+    lists apply.
     """
-    plain = _plain(text)
-    if not plain or _BRACKETED.match(text.strip()) or _CREDITS.search(plain):
+    plain = _plain(words_only(text))
+    if not plain or _CREDITS.search(plain):
         return True
-    if log_probability < _WORST or (no_speech > _NO_SPEECH and log_probability < _UNLIKELY):
+    unsure = no_speech or 0.0
+    if log_probability < _WORST or (unsure > _NO_SPEECH and log_probability < _UNLIKELY):
         return True
-    return no_speech > _UNSURE_OF_SUBTITLE and plain in _subtitles(language)
+    to_viewers = no_speech is None and _TO_VIEWERS.search(plain) is not None
+    return (to_viewers or unsure > _UNSURE_OF_SUBTITLE) and plain in _subtitles(language)
 
 
 def _plain(text: str) -> str:
@@ -269,10 +289,26 @@ def _plain(text: str) -> str:
     return " ".join(_SIGNS.sub(" ", text.casefold()).split())
 
 
+# As servers of Whisper name the languages.
+_CODES = {
+    "english": "en", "german": "de", "french": "fr", "spanish": "es", "italian": "it", "portuguese": "pt",
+    "dutch": "nl", "polish": "pl", "czech": "cs", "swedish": "sv", "danish": "da", "norwegian": "no", "finnish": "fi",
+    "hungarian": "hu", "romanian": "ro", "greek": "el", "turkish": "tr", "russian": "ru", "ukrainian": "uk",
+    "arabic": "ar", "hebrew": "he", "hindi": "hi", "indonesian": "id", "vietnamese": "vi", "chinese": "zh",
+    "japanese": "ja", "korean": "ko",
+}  # fmt: skip
+
+
+def language_code(language: str) -> str:
+    """Code, as ``de``, of a code with a region or of a name, as ``German``; other names in lower case."""
+    name = language.replace("_", "-").partition("-")[0].strip().lower()
+    return _CODES.get(name, name)
+
+
 @cache
 def _subtitles(language: str) -> frozenset[str]:
     """Phrases of a language and of English, which occurs in silence of any."""
-    code = language.replace("_", "-").partition("-")[0].lower()
+    code = language_code(language)
     languages = ("en", code) if code in _SUBTITLES else tuple(_SUBTITLES)
     return frozenset(_plain(phrase) for each in languages for phrase in _SUBTITLES[each])
 

@@ -3,11 +3,12 @@
 import asyncio
 import io
 import itertools
+import math
 import os
 import re
 import wave
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import httpx
@@ -15,11 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, Recognised
-from caris_desktop.conversation.listening.recognised_words import RecognisedWord, is_nothing
+from caris_desktop.conversation.listening.recognised_words import (
+    RecognisedWord,
+    is_nothing,
+    language_code,
+    words_only,
+)
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
 from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
-from caris_desktop.conversation.models.failures import error_in
+from caris_desktop.conversation.models.failures import NO_REASON, error_in
 from caris_desktop.conversation.models.question import object_in, small_body
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.foreign_text import parse_json
@@ -34,6 +40,8 @@ _TIMEOUT = httpx.Timeout(12.0, connect=4.0)
 _ANSWER_WITHIN_S = 20.0
 _ANSWER_AT_MOST_BYTES = 1_000_000
 _REFUSED = (400, 422)
+_NOT_IMPLEMENTED = (500, 501)
+_PATH = "/audio/transcriptions"
 _OPTIONAL = ("response_format", "temperature", "language", "prompt")
 _NO_TEXT = QT_TR_NOOP("Speech is not transcribed; everything else works.")
 
@@ -63,7 +71,10 @@ class ServerEngine:
                 QT_TR_NOOP("Give listening.server an https:// address, or run the server on this computer."),
             )
         self._endpoint = ModelEndpoint(
-            "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, _key_names(settings.server)
+            "openai",
+            settings.server.rstrip("/").removesuffix(_PATH),
+            settings.model or _USUAL_MODEL,
+            _key_names(settings.server),
         )
         self._local_only = not settings.cloud_models
         self._runner = asyncio.Runner()  # reuses its connection
@@ -106,7 +117,11 @@ class ServerEngine:
             raise self._away(refused, _advice(status), status=status, reason=_reason(body, self._key))
         try:
             answer = parse_json(body)
-            language = str(answer.get("language") or self.language)
+            if not answer.get("segments") and "text" not in answer and (reason := error_in(answer)) != NO_REASON:
+                # whisper.cpp reports errors with the status of success.
+                failed = QT_TR_NOOP("The transcription server at {server} reported an error ({reason}).")
+                raise self._away(failed, _advice(status), reason=without(self._key, reason))
+            language = language_code(str(answer.get("language") or self.language))
             return Recognised(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
             what = QT_TR_NOOP("The transcription server at {server} returned an invalid transcription.")
@@ -131,7 +146,9 @@ class ServerEngine:
         while True:
             sent = {name: value for name, value in (fields | self._refused).items() if name in fields and value}
             status, body = self._runner.run(self._post(sent, wav))
-            refused = _refused_field(sent, body) if status in _REFUSED else ""
+            refused = _refused_field(sent, body) if status in (*_REFUSED, *_NOT_IMPLEMENTED) else ""
+            if status in _NOT_IMPLEMENTED and sent.get(refused) != "verbose_json":
+                refused = ""
             if status in _REFUSED and not refused and sent.get("response_format") == "verbose_json":
                 # The least supported field, if the server names none.
                 refused, guessed = "response_format", True
@@ -148,10 +165,10 @@ class ServerEngine:
 
     async def _post(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
         headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
-        path = ("" if urlsplit(self._endpoint.base_url).path else "v1/") + "audio/transcriptions"
+        path = ("" if urlsplit(self._endpoint.base_url).path else "/v1") + _PATH
         async with asyncio.timeout(_ANSWER_WITHIN_S), connected(self._endpoint, local_only=self._local_only) as client:
             request = client.build_request(
-                "POST", path,
+                "POST", path.removeprefix("/"),
                 data=fields, files={"file": ("speech.wav", wav, "audio/wav")}, headers=headers, timeout=_TIMEOUT,
             )  # fmt: skip
             response = await send(client, request)
@@ -187,12 +204,29 @@ def _refused_field(fields: dict[str, str], body: bytes) -> str:
 
 
 def _words(answer: Any, seconds: float, language: str) -> Iterator[RecognisedWord]:
-    """Words of the segments, or of the whole text without segments."""
-    for segment in answer.get("segments") or [{"text": answer["text"], "start": 0.0, "end": seconds}]:
+    """Words of the segments, or of the whole text without segments, at times within the sound."""
+    segments = [segment for segment in answer.get("segments") or () if segment.get("text")]
+    for segment in segments or [{"text": answer["text"] or "", "start": 0.0, "end": seconds}]:
         text = str(segment["text"])
-        no_speech, likely = float(segment.get("no_speech_prob") or 0.0), float(segment.get("avg_logprob") or 0.0)
+        no_speech = _number(segment.get("no_speech_prob"), None)
+        likely = _number(segment.get("avg_logprob"), 0.0)
         if not is_nothing(text, no_speech=no_speech, log_probability=likely, language=language):
-            yield from _spread(text.split(), float(segment["start"]), float(segment["end"]))
+            # Some servers pad the sound, to 30 s, and place the last words there.
+            start_s = min(max(_number(segment["start"], 0.0), 0.0), seconds)
+            end_s = min(max(_number(segment["end"], seconds), start_s), seconds)
+            yield from _spread(words_only(text).split(), start_s, end_s)
+
+
+_Otherwise = TypeVar("_Otherwise", float, None)
+
+
+def _number(value: Any, otherwise: _Otherwise) -> float | _Otherwise:
+    """Finite number, ``otherwise`` for anything else."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return otherwise
+    return number if math.isfinite(number) else otherwise
 
 
 def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[RecognisedWord]:

@@ -159,6 +159,8 @@ async def stream_chat(
     tried = 0
     while True:
         tried += 1
+        if SYSTEM_ROLE in habits.left_out:
+            question = replace(question, messages=without_system_role(question.messages))
         request = leave_out(DIALECTS[endpoint.provider][0](endpoint, question), habits.left_out)
         notes.left_out = habits.left_out
         try:
@@ -243,27 +245,30 @@ async def _one_try(  # noqa: PLR0917 - all of one call
             async with asyncio.timeout_at(deadline_s):
                 response = await send(client, built)
             try:
-                if response.status_code != 200:
+                if not response.is_success:
                     async with asyncio.timeout_at(deadline_s):
                         await _raise_status(endpoint, request, response, key)
                 check_type(endpoint, response)
                 async with aclosing(documents(endpoint, response)) as messages:
-                    while not (ended or closed):
+                    while not closed:
                         try:
                             async with asyncio.timeout_at(deadline_s):
                                 document = await anext(messages)
+                            chunk = _chunk_of(endpoint, document, key)
                         except StopAsyncIteration:
                             break
-                        try:
-                            chunk = _chunk_of(endpoint, document, key)
                         except failures.UnusableError as error:
                             useless = useless or error
                             continue
+                        except (TimeoutError, LanguageModelError, httpx.HTTPError):
+                            if ended:  # the answer is whole, whatever follows it
+                                break
+                            raise
                         closed = chunk.closed
                         unfinished = unfinished or chunk.unfinished
                         # If the server marks finished answers, closing the stream without a mark means an unfinished
                         # one.
-                        ended = chunk.ended or (closed and not unfinished)
+                        ended = ended or chunk.ended or (closed and not unfinished)
                         notes.cut, reason = chunk.cut or notes.cut, chunk.why or reason
                         if chunk.version and chunk.version != version:
                             version = chunk.version
@@ -276,12 +281,9 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         if read_characters > MAX_ANSWER_CHARACTERS:
                             raise failures.nonsense(endpoint, QT_TR_NOOP("the answer is too long"))
                         notes.reasoned = notes.reasoned or chunk.alive
-                        answer_pieces = part.process(chunk.text)
-                        if ended or closed:
-                            answer_pieces += part.end(whole=notes.cut != "length")
-                        for piece in answer_pieces:
+                        for piece in part.process(chunk.text):
                             if isinstance(piece, Withdrawn):
-                                habits.begins_within = True
+                                habits.begins_within = part.begins_within
                                 answers_by_s = loop.time() + timeouts.first_token_s
                                 written_characters = 0
                             written_characters += len(piece)
@@ -289,13 +291,19 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             yield piece
                             deadline_s += loop.time() - before_s
                         notes.reasoned = notes.reasoned or part.reasoned
-                        if began and not written_characters:
+                        if ended:
+                            # Some servers mark each piece as the end.
+                            deadline_s = loop.time() + _DRAINED_WITHIN_S
+                        elif began and not written_characters:
                             deadline_s = min(deadline_s, answers_by_s)
                         if most_characters is not None and written_characters >= most_characters and not ended:
                             notes.cut, ended = "length", True
                             break
                     else:
                         await _drain(messages)
+                for piece in part.end(whole=notes.cut != "length") if ended or closed else ():
+                    written_characters += len(piece)
+                    yield piece
             finally:
                 await response.aclose()
     except httpx.HTTPError as error:
@@ -342,7 +350,9 @@ def _raise_empty_answer(
 
 async def _drain(messages: AsyncGenerator[str]) -> None:
     """Read the rest after an answer, so that the connection can be reused."""
-    with contextlib.suppress(TimeoutError, LanguageModelError):
+    import httpx
+
+    with contextlib.suppress(TimeoutError, LanguageModelError, httpx.HTTPError):
         async with asyncio.timeout(_DRAINED_WITHIN_S):
             async for _ in messages:
                 pass
@@ -363,7 +373,9 @@ async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "ht
     if refuses_schema(request, response.status_code, str(body)):
         _log.info("%s is asked for a JSON object in the other way", endpoint.place)
         raise _OtherSchemaError
-    if response.status_code in _REFUSED and (refused := named_parameter(request, body, detail)):
+    refused = named_parameter(request, body, detail)
+    # llama.cpp reports what a model's template does not support as a fault of its own.
+    if refused and (response.status_code in _REFUSED or (response.status_code == 500 and refused == SYSTEM_ROLE)):
         raise _LeaveOutError(refused)
     failure = failures.of_status(endpoint, response.status_code, detail)
     if response.status_code in _BUSY:
@@ -390,6 +402,7 @@ def _reported_wait_s(header: str, body: dict[str, Any]) -> float | None:
     return None
 
 
+SYSTEM_ROLE = "system role"
 TOKEN_LIMITS = ("max_tokens", "max_completion_tokens", "maxOutputTokens", "num_predict")
 # Spellings in servers' errors; a question is complete without any of these.
 _NAMED_AS = {
@@ -407,6 +420,9 @@ _NAMED_AS = {
     "format": r"[\"'`]format[\"'`]",
     "cache_prompt": r"cache_prompt",
     "id_slot": r"id_slot",
+    "stream": r"^stream$|[\"'`]stream[\"'`]|to stream this|stream(?:ing)?(?= is not| not)|support stream(?:ing)?",
+    SYSTEM_ROLE: r"(?:system|developer) (?:role|message|instruction|prompt)s?(?= (?:is |are )?not)|roles must alternate"
+    r"|messages\[\d+\]\.role|role [\"'`]?system|got system",
 }
 _WITHIN = ("options", "generationConfig")
 
@@ -414,7 +430,10 @@ _WITHIN = ("options", "generationConfig")
 def parameters_sent(request: Request) -> tuple[str, ...]:
     """Optional parameters in the request."""
     places = (request.body, *(request.body[key] for key in _WITHIN if key in request.body))
-    return tuple(name for name in _NAMED_AS if any(name in place for place in places))
+    sent = tuple(name for name in _NAMED_AS if any(name in place for place in places))
+    messages = request.body.get("messages") or [{}]
+    has_system = messages[0].get("role") == "system" or "systemInstruction" in request.body
+    return (*sent, SYSTEM_ROLE) if has_system else sent
 
 
 def named_parameter(request: Request, answer: dict[str, Any], reason: str) -> str:
@@ -440,6 +459,15 @@ def _named_apart(answer: dict[str, Any]) -> Iterable[str]:
     for detail in details if isinstance(details, list) else ():
         if isinstance(detail, dict) and isinstance(detail.get("loc"), list):
             yield " ".join(map(str, detail["loc"]))
+
+
+def without_system_role(messages: Sequence[ChatMessage]) -> tuple[ChatMessage, ...]:
+    """System prompt as the beginning of the first question, for models that know two roles only, such as Gemma's."""
+    system = [message.content for message in messages if message.role == "system"]
+    others = [message for message in messages if message.role != "system"]
+    if others and others[0].role == "user":
+        system.append(others.pop(0).content)
+    return (ChatMessage("user", "\n\n".join(system)), *others) if system else tuple(others)
 
 
 def leave_out(request: Request, names: Iterable[str]) -> Request:

@@ -21,7 +21,11 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 _Ask = Callable[[ModelEndpoint, Question], Request]
 _Parse = Callable[[ModelEndpoint, dict[str, Any], str | None], Chunk]
 _REASONS = re.compile(r"o\d|gpt-[5-9]")
-_OPENAI_CUTS: dict[object, Cut] = {"length": "length", "max_tokens": "length", "content_filter": "filter"}
+# Finish reasons as servers spell them; any other one, as "stop", "end_turn" or "eos", ends a whole answer.
+_REACHED_LIMIT = re.compile(r"length|max_?(?:output_?)?tokens", re.IGNORECASE)
+_FILTERED = re.compile(r"filter|safety|sensitive|refus|recitation|prohibited|block|guardrail", re.IGNORECASE)
+_FAILED = re.compile(r"error|abort|cancel|insufficient", re.IGNORECASE)
+_NO_REASON = ("", "null", "none")
 _PARTS = ("text", "output_text")
 
 
@@ -89,19 +93,24 @@ def openai_parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | No
     if not choices:
         return Chunk(version=version)  # usage or filter results
     choice = choices[0] if isinstance(choices, list) else None
+    if isinstance(choice, dict) and choice.get("index"):
+        return Chunk(version=version)  # another answer than the first
     reply = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
     if not isinstance(choice, dict) or not isinstance(reply, dict):
         raise unusable(endpoint, QT_TR_NOOP("a choice has no delta"))
     if isinstance(refusal := reply.get("refusal"), str) and refusal:
         raise blocked(endpoint, refusal)
     text, reasons = _openai_text(endpoint, reply.get("content") or choice.get("text") or "")
-    alive = reasons or bool(reply.get("reasoning_content") or reply.get("reasoning"))
-    finish = choice.get("finish_reason")
-    if finish == "error":
-        raise_error_object(endpoint, {"error": "the server gave no reason"}, key)
-    unfinished = "finish_reason" in choice and not finish
-    cut = _OPENAI_CUTS.get(finish, "") if isinstance(finish, str) else ""
-    return Chunk(text, alive, bool(finish), unfinished, version=version, cut=cut, why=str(finish))
+    alive = reasons or any(value and name.startswith(("reasoning", "thinking")) for name, value in reply.items())
+    finish = str(choice.get("finish_reason") or "")
+    # A complete answer without streaming has no delta, and from simple servers no reason either.
+    ended = finish.lower() not in _NO_REASON or ("message" in choice and "delta" not in choice)
+    if _FAILED.search(finish):
+        reason = "the server gave no reason" if finish == "error" else finish
+        raise_error_object(endpoint, {"error": choice.get("error") or reason}, key)
+    cut: Cut = "length" if _REACHED_LIMIT.search(finish) else "filter" if _FILTERED.search(finish) else ""
+    unfinished = "finish_reason" in choice and not ended
+    return Chunk(text, alive, ended, unfinished, version=version, cut=cut, why=finish)
 
 
 def _openai_text(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
@@ -111,7 +120,7 @@ def _openai_text(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
     parts = [part for part in content if isinstance(part, dict)] if isinstance(content, list) else []
     if not parts:
         raise unusable(endpoint, QT_TR_NOOP("the content is not text"))
-    texts = [part.get("text") for part in parts if part.get("type", "text") in _PARTS]
+    texts = [part.get("text") for part in parts if part.get("type", "text") in _PARTS and not part.get("thought")]
     return "".join(text for text in texts if isinstance(text, str)), len(texts) < len(parts)
 
 
@@ -234,7 +243,7 @@ def gemini_parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | No
         raise unusable(endpoint, "a candidate is not an object")
     text, alive = _gemini_text(endpoint, candidate.get("content") or {})
     reason = str(candidate.get("finishReason") or "")
-    cut = _GEMINI_CUTS.get(reason, "filter") if reason else ""
+    cut = _GEMINI_CUTS.get(reason.upper(), "filter") if reason else ""
     return Chunk(text, alive, ended=bool(reason), version=version, cut=cut, why=reason)
 
 

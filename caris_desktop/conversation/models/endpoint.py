@@ -159,7 +159,8 @@ def resolve_endpoint(
 
 def openai_url(environment: Mapping[str, str]) -> str:
     """Address of OpenAI-compatible models. Raises LanguageModelError."""
-    return _checked_url(environment.get("OPENAI_BASE_URL", "").strip() or OPENAI_URL, "OPENAI_BASE_URL")
+    url = _checked_url(environment.get("OPENAI_BASE_URL", "").strip() or OPENAI_URL, "OPENAI_BASE_URL")
+    return url.removesuffix("/chat/completions")
 
 
 def ollama_url(environment: Mapping[str, str]) -> str:
@@ -192,7 +193,7 @@ def bad_address(url: str, source: str) -> LanguageModelError:
 def _checked_url(url: str, source: str) -> str:
     try:
         parts = urlsplit(url)
-        usable = parts.scheme in ("http", "https") and parts.hostname and parts.username is None
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.username is None and not parts.query
         _ = parts.port
     except ValueError:
         usable = False

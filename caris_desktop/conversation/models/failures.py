@@ -97,27 +97,38 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
     return LanguageModelError(localized(what, place=endpoint.place, seconds=f"{seconds:g}"), meaning, advice)
 
 
+NO_REASON = "no reason given"
+_ERROR_TEXTS = ("message", "detail", "msg", "errors")
+_DEEPEST = 5
+
+
 def error_in(message: dict[str, Any]) -> str:
     """Error reason in a server's message, in any of the common formats."""
-    error = message.get("error") or message.get("message") or message.get("detail") or ""
-    if isinstance(error, dict):
-        error = error.get("message", "")
-    if isinstance(error, list):
-        error = "; ".join(map(_as_fastapi_says, error))
-    return shortened(str(error)) if error else "no reason given"
+    return shortened(_reason_of(message)) or NO_REASON
 
 
-def _as_fastapi_says(error: object) -> str:
-    if not isinstance(error, dict):
-        return str(error)
+def _reason_of(error: object, depth: int = 0) -> str:
+    if isinstance(error, str):
+        return error
+    if isinstance(error, list) and depth < _DEEPEST:
+        return "; ".join(filter(None, (_reason_of(each, depth + 1) for each in error)))
+    if not isinstance(error, dict) or depth == _DEEPEST:
+        return ""
+    # FastAPI names the field.
     where = error.get("loc")
-    named = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
-    return ": ".join((*named, str(error.get("msg", "")))).strip(": ")
+    parts = [str(part) for part in where if part != "body"] if isinstance(where, list) else []
+    parts.append(next(filter(None, (_reason_of(error.get(name), depth + 1) for name in ("error", *_ERROR_TEXTS))), ""))
+    # OpenRouter quotes the model's own server.
+    metadata = error.get("metadata")
+    parts.append(_reason_of(metadata.get("raw") if isinstance(metadata, dict) else "", depth + 1))
+    return ": ".join(filter(None, parts)) or (_reason_of(error.get("type"), depth + 1) if depth else "")
 
 
 def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:
-    """Raise an error object, which some servers send within a stream."""
-    if message.get("error"):
+    """Raise an error object, which some servers send within a stream, or with the status of success."""
+    without_answer = not any(message.get(name) for name in ("choices", "candidates"))
+    texts = [message.get(name) for name in _ERROR_TEXTS]
+    if message.get("error") or (without_answer and any(text and isinstance(text, str | list) for text in texts)):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
             localized(
@@ -133,10 +144,16 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
 def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
     """Error of an HTTP status. ``detail`` is the server's text without the key."""
     _log.warning("%s answered with HTTP status %d", endpoint.place, status)
-    what, advice = QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."), _advice_for(detail)
+    what = QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}.")
+    advice = _advice_for(detail) or QT_TR_NOOP(
+        "Correct the setting that the reason names under assistant in the scenario, or choose another model."
+    )
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         what, advice = QT_TR_NOOP("{place} refused access{said}."), localized(QT_TR_NOOP("Check {where}."), where=where)
+    elif status == 404 and detail and not re.search(r"model|deployment|engine", detail, re.IGNORECASE):
+        what = QT_TR_NOOP("{place} does not answer questions at this address (HTTP status {status}){said}.")
+        advice = QT_TR_NOOP("Check the server's address: most end in /v1.")
     elif status == 404:
         what, advice = (
             QT_TR_NOOP("{place} does not have the model {model}{said}."),
@@ -146,10 +163,12 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         )
     elif status == 429:
         what = QT_TR_NOOP("{place} is not accepting questions now{said}.")
-        advice = QT_TR_NOOP("Wait a moment, then ask again.")
+        advice = QT_TR_NOOP("Wait a moment, then ask again; the account may have no credit left.")
+    elif status == 402:
+        advice = QT_TR_NOOP("Check the credit of the account, or choose another model.")
     elif status >= 500:
         what = QT_TR_NOOP("{place} failed (HTTP status {status}){said}.")
-        advice = QT_TR_NOOP("Ask again in a moment.")
+        advice = _advice_for(detail) or QT_TR_NOOP("Ask again in a moment.")
     elif 300 <= status < 400:
         what = QT_TR_NOOP(
             "{place} redirects the question to another address (HTTP status {status}). Redirects are not followed."
@@ -161,19 +180,21 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
 
 
 def _advice_for(reason: str) -> str:
-    """Advice by the server's reason."""
+    """Advice by the server's reason; empty for unknown ones."""
     reason = reason.lower()
     if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
         return QT_TR_NOOP("Shorten the system prompt, the question or its context, or choose a larger model.")
+    if re.search(r"filter|moderat|content management|safety|policy", reason):
+        return QT_TR_NOOP("Rephrase the question, remove something from its context, or choose another model.")
     if re.search(r"memory|overload", reason):
         return QT_TR_NOOP("Close other programs on the computer that runs the model, or choose a smaller model.")
-    if re.search(r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not available)|invalid model", reason):
+    if re.search(
+        r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not a|decommission)|invalid model", reason
+    ):
         return QT_TR_NOOP("Check the model's name.")
     if re.search(r"image|picture|vision|multimodal", reason):
         return QT_TR_NOOP("Ask without the picture, or choose another model.")
-    return QT_TR_NOOP(
-        "Correct the setting that the reason names under assistant in the scenario, or choose another model."
-    )
+    return ""
 
 
 def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_started: bool) -> LanguageModelError:

@@ -1,7 +1,9 @@
 """Questions, requests and answer chunks, independent of the dialect, and messages of a streamed response."""
 
 import base64
+import codecs
 import json
+import re
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, Literal
@@ -101,11 +103,16 @@ def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
         raise nonsense(endpoint, f"it is {what}")
 
 
+# Comments and fields of server-sent events other than data.
+_FIELD = re.compile(r":|(?:event|id|retry)(?::|$)|$")
+
+
 async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
     """JSON texts of the stream: lines for Ollama, data of server-sent events otherwise."""
     data: list[str] = []
     size = 0
     streams = endpoint.provider == "ollama"
+    other = ""
     async with aclosing(_lines(endpoint, response)) as lines:
         async for line in lines:
             if endpoint.provider == "ollama":
@@ -121,15 +128,19 @@ async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asyn
                 size += len(line)
                 if size > MAX_LINE_BYTES:
                     raise nonsense(endpoint, "one message is over a megabyte")
-            elif line.lstrip().startswith("{"):
+            elif line.removeprefix("error:").lstrip().startswith("{"):
                 # Some servers send a bare JSON error within a stream.
-                yield line
+                yield line.removeprefix("error:")
             elif not line and data:
                 for document in _messages(data):
                     yield document
                 data, size = [], 0
+            elif not _FIELD.match(line):
+                other = other or line.strip()
     for document in _messages(data):
         yield document
+    if other and not streams:
+        yield other
 
 
 async def _rest(endpoint: ModelEndpoint, first: str, lines: AsyncGenerator[str]) -> list[str]:
@@ -186,7 +197,7 @@ async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGe
 
 def _decoded(endpoint: ModelEndpoint, line: bytes) -> str:
     try:
-        return line.decode("utf-8")
+        return line.removeprefix(codecs.BOM_UTF8).decode("utf-8")
     except UnicodeDecodeError:
         raise nonsense(endpoint, "it is not UTF-8 text") from None
 

@@ -6,20 +6,32 @@ and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/op
 
 import re
 
-_TAGS = "thinking|think|thoughts?|reasoning|reflection|analysis|scratchpad|seed:think"
+_TAGS = r"[\w:-]{0,20}(?:think|thought|reason|monologue|scratchpad)[\w:-]{0,20}|reflection|analysis"
+# Written as text where the server does not know the model's calls.
+_CALLS = "tool_calls?|function_calls?"
 _MARK = re.compile(
     rf"<(?P<end>/?)(?:{_TAGS})(?:\s[^<>]{{0,80}})?>|\[(?P<end_2>/?)THINK\]|◁(?P<end_3>/?)think▷"
-    r"|<[|｜](?P<name>[^|｜<>\s]{1,40})[|｜]>|(?P<over></s>|<end_of_turn>)|(?P<line><start_of_turn>)|<s>",
+    r"|<(?P<end_4>)\|channel>|<channel(?P<end_5>\|)>|<(?P<end_6>)unused94>|<unused9(?P<end_7>5)>"
+    rf"|(?P<aside><(?:{_CALLS})>|<details type=\"reasoning\"[^<>]{{0,80}}>|\[TOOL_CALLS\])"
+    rf"|(?P<aside_end></(?:{_CALLS}|details)>)"
+    r"|<[|｜](?P<name>[^|｜<>\s]{1,40})[|｜]>|(?P<over></s>|<end_of_turn>|<turn\|>|\[INST\])"
+    r"|(?P<line><start_of_turn>|<\|turn>)|<s>|\[/INST\]",
     re.IGNORECASE,
 )
+_ENDS = tuple(name for name in _MARK.groupindex if re.fullmatch(r"end(_\d)?", name))
 # Possible beginning of a marker that continues in the next piece.
 _BEGUN = re.compile(
-    rf"(?:<(?:[|｜/]?[^|｜<>\s]{{0,40}}[|｜]?|/?(?:{_TAGS})\s[^<>]{{0,80}})|\[/?T?H?I?N?K?|◁/?t?h?i?n?k?)$",
+    rf"(?:<(?:[|｜/]?[^|｜<>\s]{{0,40}}[|｜]?|/?(?:{_TAGS}|details)\s[^<>]{{0,80}})|\[/?[A-Z_]{{0,10}}|◁/?t?h?i?n?k?)$",
     re.IGNORECASE,
 )
 _ENDS_TURN = re.compile(
-    r"im_end|eot_id|eom_id|end_?of_?text|endoftext|end▁of▁sentence|return|END_OF_TURN_TOKEN", re.IGNORECASE
+    r"im_end|eot_id|eom_id|end_?of_?text|endoftext|end▁of▁sentence|return|END_OF_TURN_TOKEN|user|system|observation",
+    re.IGNORECASE,
 )
+# Channels of gpt-oss from a server that drops their tokens and leaves their names in the text.
+_BARE_CHANNEL = re.compile(r"\s*(?:assistant)?(?:analysis|commentary)(?=[A-Z\"'])")
+_BARE_CHANNEL_WITHIN = 40  # characters
+_BARE_FINAL = "assistantfinal"
 
 
 class Withdrawn(str):
@@ -44,11 +56,13 @@ class SpokenPart:
         self._assumed: list[str] = []  # hidden only because earlier answers began within reasoning
         self._over = False
         self._began = False
+        self._lead: str | None = ""  # beginning of the answer
+        self._bare: str | None = None  # end of a bare channel's text
 
     def process(self, piece: str) -> list[str]:
         """Visible text of a piece; a Withdrawn in it voids earlier text."""
-        self._pending += piece
         given: list[str] = []
+        self._pending += self._without_bare_channels(piece, given)
         at = 0
         for mark in _MARK.finditer(self._pending):
             self._give(self._pending[at : mark.start()], given)
@@ -70,6 +84,22 @@ class SpokenPart:
             given.append("".join(self._assumed).lstrip())
         return [text for text in given if text]
 
+    def _without_bare_channels(self, piece: str, given: list[str]) -> str:
+        if self._lead is not None:
+            self._lead += piece
+            if named := _BARE_CHANNEL.match(self._lead):
+                if self._began or self._pending:
+                    given.append(Withdrawn())
+                self._bare, self._pending, self._began, self.reasoned = "", "", False, True
+                piece = self._lead[named.end() :]
+            if named or len(self._lead) > _BARE_CHANNEL_WITHIN:
+                self._lead = None
+        if self._bare is None:
+            return piece
+        _, final, answer = (self._bare + piece).partition(_BARE_FINAL)
+        self._bare = None if final else (self._bare + piece)[-len(_BARE_FINAL) :]
+        return answer
+
     def _give(self, text: str, given: list[str]) -> None:
         if not text or self._over:
             return
@@ -90,15 +120,18 @@ class SpokenPart:
                 given.append(text)
 
     def _read(self, mark: re.Match[str], given: list[str]) -> None:
-        name = mark["name"]
-        if mark["over"] or (name and _ENDS_TURN.fullmatch(name)):
+        name = (mark["name"] or "").lower()
+        next_turn = mark["line"] or name in ("im_start", "start_header_id")
+        if mark["over"] or _ENDS_TURN.fullmatch(name) or (next_turn and not self._hides):
             self._over = self._over or self._began
-        elif mark["line"]:
+        if mark["line"]:
             self._header, self._header_is_line = [], True
+        elif mark["aside"] or mark["aside_end"]:
+            self._hides = bool(mark["aside"])
         elif name:
-            self._read_token(name.lower())
-        elif any(mark[end] is not None for end in ("end", "end_2", "end_3")):
-            self._tag(opens=not (mark["end"] or mark["end_2"] or mark["end_3"]), given=given)
+            self._read_token(name)
+        elif (end := next((mark[end] for end in _ENDS if mark[end] is not None), None)) is not None:
+            self._tag(opens=not end, given=given)
 
     def _tag(self, *, opens: bool, given: list[str]) -> None:
         if not opens and not self._hides:
@@ -110,13 +143,16 @@ class SpokenPart:
         self._assumed.clear()
 
     def _read_token(self, name: str) -> None:
-        if name in ("start", "channel", "start_header_id", "im_start"):
+        if name in ("start", "channel", "start_header_id", "im_start", "begin"):
             self._header, self._header_is_line = [], name == "im_start"
-        elif name in ("message", "end_header_id"):
+        elif name in ("message", "end_header_id", "content"):
             channel = "".join(self._header or ()).strip().lower()
             self._hides = name == "message" and channel.startswith(("analysis", "commentary", "thought"))
             self._header = None
         elif name == "end":
+            self._over = self._over or (self._began and not self._hides)
             self._hides, self._header = False, None
-        elif "think" in name or "thought" in name:
-            self._hides = name.startswith(("start", "begin"))
+        elif "tool" in name or name == "python_tag":
+            self._hides = not (name.startswith("/") or "end" in name)
+        elif "think" in name or "thought" in name or name.startswith("inner_"):
+            self._hides, self._header = not re.search(r"/|end|suffix", name), None

@@ -142,6 +142,10 @@ def _quoted(text: str) -> str:
 # Replies from a model's partial output, made suitable for speech.
 
 LONGEST_REPLY = 120
+# Keys that servers add which do not hold the model to the schema.
+_NO_REPLY = re.compile(
+    r"think|thought|reason|analysis|explanation|context|language|error|^(?:type|role)$", re.IGNORECASE
+)
 # Longer output cannot be three short replies.
 _LONGEST_ANSWER = 8_000
 _ABOUT_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
@@ -149,17 +153,17 @@ _ABOUT_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b"
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
 # Small models repeat themselves. "No, no, no" is still natural.
 _OVER_AND_OVER = re.compile(r"\b(\w+(?:\W+\w+){1,7})(?:\W+\1\b){2,}|\b(\w+)(?:\W+\2\b){3,}", re.IGNORECASE)
-_BEGINS = re.compile(r"^(?:(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE)
 
 
 def replies_in(written: str) -> tuple[str, ...]:
-    """Complete text values in a possibly unfinished JSON object or list, without keys."""
+    """Complete text values in a possibly unfinished JSON object or list, without keys and what they call no reply."""
     written = written[:_LONGEST_ANSWER]
     begin = min((place for place in (written.find("{"), written.find("[")) if place >= 0), default=-1)
     if begin < 0:
         return ()
     texts: list[str] = []
     within: list[str] = []
+    keys: list[str] = []
     awaits_key = False
     place = begin
     while place < len(written):
@@ -167,10 +171,12 @@ def replies_in(written: str) -> tuple[str, ...]:
         place += 1
         if character in "{[":
             within.append(character)
+            keys.append("")
             awaits_key = character == "{"
         elif character in "}]":
             if within:
                 within.pop()
+                keys.pop()
             if not within:
                 break
             awaits_key = False
@@ -182,7 +188,9 @@ def replies_in(written: str) -> tuple[str, ...]:
             end = _end_of_text(written, place)
             if end is None:
                 break
-            if not awaits_key:
+            if awaits_key:
+                keys[-1] = written[place:end]
+            elif not any(_NO_REPLY.search(key) for key in keys):
                 texts.append(_unescaped(written[place:end]))
             place = end + 1
     return tuple(texts)
@@ -210,8 +218,7 @@ def fit_to_say(text: str) -> str:
     if _CUT_OFF.search(text):
         return ""
     text = unicodedata.normalize("NFC", text.encode("utf-8", "ignore").decode("utf-8"))
-    text = spoken(" ".join(text.split()))
-    text = _BEGINS.sub("", text).strip(" \"'“”„«»")
+    text = spoken(" ".join(text.split())).strip(" \"'“”„«»")
     if _ABOUT_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
         # Braces are placeholders, which only the wizard fills.
         return ""

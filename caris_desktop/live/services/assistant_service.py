@@ -362,6 +362,12 @@ class AssistantService(ContextService):
 
     def _say_answer(self, intent: intents.SayAnswer) -> None:
         utterance_id = self._speech.say(intent.text, "assistant", intent.actor)
+        if not utterance_id:
+            raise RefusedError(
+                tr("This answer contains nothing that can be spoken."),
+                tr("Nothing was said."),
+                tr("Edit the answer, or ask again."),
+            )
         self._exchanges.note_use(intent.text, utterance_id, intent.exchange_id, intent.actor)
 
     # Setup

@@ -1,5 +1,6 @@
 """Suggestion service: replies requested at each pause of a participant, streamed, and said by key."""
 
+import re
 import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -193,6 +194,7 @@ class ProposalsService(ContextService):
 
 # The robot's last utterances are no replies to what followed.
 _NOT_AGAIN = 2
+_NUMBER = re.compile(r"^\s*\(?\d[.):]\s+")  # of a reply in a list
 _FUNCTIONS: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
 
 
@@ -442,7 +444,7 @@ class SuggestionsService(ContextService):
         answer = exchange.answer
         if self._read or "{" in answer or "[" in answer:
             return ()
-        return answer.splitlines()[: -1 if exchange.cut else None]
+        return [_NUMBER.sub("", line) for line in answer.splitlines()[: -1 if exchange.cut else None]]
 
     def _offer(self, begun: Round, texts: Sequence[str]) -> None:
         """Show replies that can be spoken and do not repeat what was just said."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Literal
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
@@ -60,6 +61,7 @@ _WHOLE_SESSION = "session"
 _END = ("end", "end time", "stop", "offset", "end_session")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:[.,](\d{1,9}))?")
 _NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
+_EXCEL_HINT = re.compile(r"\A\"?sep=.\"?\r?\n", re.IGNORECASE)
 _HEADING = re.compile(
     r"(?P<base>.+?)(?:\s*-\s*(?P<elan>hh:mm:ss\.ms|ss\.msec|msec)"
     r"|[_ ]?[(\[](?P<bracketed>ms|msec|milliseconds|s|sec|seconds)[)\]]"
@@ -132,9 +134,20 @@ def _text(content: bytes) -> str:
 
 
 def _lines(text: str) -> list[_Line]:
+    text = _EXCEL_HINT.sub("\n", text)
     head = "\n".join(text[:_SNIFFED_CHARACTERS].splitlines()[:20])
     delimiter = max("\t;,", key=lambda candidate: _most_alike(head, candidate))
-    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    lines = _parsed(text, delimiter, csv.QUOTE_MINIMAL)
+    if delimiter == "\t" and any("\n" in cell and "\t" in cell for line in lines for cell in line.cells):
+        # ELAN does not quote: an annotation that begins with a quotation mark swallowed the lines after it.
+        lines = _parsed(text, delimiter, csv.QUOTE_NONE)
+    if not lines:
+        raise AnnotationError(QT_TR_NOOP("The file is empty."))
+    return lines
+
+
+def _parsed(text: str, delimiter: str, quoting: Literal[0, 3]) -> list[_Line]:
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, quoting=quoting)
     lines: list[_Line] = []
     try:
         for cells in rows:
@@ -144,8 +157,6 @@ def _lines(text: str) -> list[_Line]:
                 raise AnnotationError(QT_TR_NOOP("The file has more than %n rows.", "", _MOST_ROWS))
     except csv.Error as error:
         raise AnnotationError(QT_TR_NOOP("Line {number}: {error}."), number=rows.line_num, error=error) from error
-    if not lines:
-        raise AnnotationError(QT_TR_NOOP("The file is empty."))
     return lines
 
 
@@ -251,7 +262,7 @@ def _rows_of_boris(lines: list[_Line]) -> tuple[list[_Row], list[str]] | None:
         stop = next((where[name] for name in ("stop (s)", "stop") if name in where), None)
         kind = next((where[name] for name in ("behavior type", "status", "type") if name in where), None)
         if start is not None and stop is not None:
-            return _of_boris(lines[at + 1 :], where, partial(_aggregated, start=start, stop=stop))
+            return _of_boris(lines[at + 1 :], where, partial(_aggregated, start=start, stop=stop, kind=kind))
         if "time" in where and kind is not None:
             pairing = _Pairing(where["time"], kind, where)
             return _of_boris(lines[at + 1 :], where, pairing.take, pairing.open)
@@ -272,7 +283,7 @@ def _of_boris(
     first = next(filter(None, (_cell(line, observation) for line in lines)), "")
     subjects = {_cell(line, where["subject"]) for line in lines}
     modifiers = [column for name, column in where.items() if name.startswith("modifier")]
-    rows: list[_Row] = []
+    rows: list[tuple[_Row, str]] = []
     left_out: Counter[str] = Counter()
     for line in lines:
         if _cell(line, observation) != first:
@@ -287,24 +298,38 @@ def _of_boris(
             modifier_values = [
                 plain_text(cell) for column in modifiers if (cell := _cell(begun, column)) not in ("", "None")
             ]
-            value = f"{behaviour} ({', '.join(modifier_values)})" if modifier_values else behaviour
+            modified = f" ({', '.join(modifier_values)})" if modifier_values else ""
             tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
-            rows.append(_Row(begun.number, tier or DEFAULT_TIER, value, start_ms, end_ms, participant=subject))
+            row = _Row(begun.number, tier or DEFAULT_TIER, behaviour + modified, start_ms, end_ms, participant=subject)
+            rows.append((row, modified))
     if any(unfinished.values()):
         left_out[QT_TR_NOOP("with a start but no stop")] += sum(map(len, unfinished.values()))
     if not rows:
         raise AnnotationError(QT_TR_NOOP("This BORIS table contains no event with a time."))
-    return rows, [
+    return _apart(rows), [
         localized(QT_TR_NOOP("Skipped rows {why}: {count}."), why=localized(reason), count=count)
         for reason, count in left_out.items()
     ]
 
 
-def _aggregated(line: _Line, start: int, stop: int) -> _Told:
+def _apart(rows: list[tuple[_Row, str]]) -> list[_Row]:
+    """Rows, given with their modifiers, on a tier per modifier where those of one behaviour overlap."""
+    ends_ms: dict[str, int] = {}
+    overlapping = set()
+    for row, _ in sorted(rows, key=lambda one: one[0].start_ms):
+        if row.start_ms < ends_ms.get(row.tier, 0):
+            overlapping.add(row.tier)
+        ends_ms[row.tier] = max(row.end_ms, ends_ms.get(row.tier, 0))
+    return [replace(row, tier=row.tier + modified) if row.tier in overlapping else row for row, modified in rows]
+
+
+def _aggregated(line: _Line, start: int, stop: int, kind: int | None) -> _Told:
     start_ms = _milliseconds(_cell(line, start), 1000)
     end_ms = _milliseconds(_cell(line, stop), 1000)
     if start_ms is None:
         return QT_TR_NOOP("without a time")
+    if end_ms is None and _cell(line, kind).upper() == "STATE":
+        return QT_TR_NOOP("with a start but no stop")
     return [(line, start_ms, start_ms if end_ms is None else end_ms)]
 
 
@@ -312,8 +337,9 @@ class _Pairing:
     """Pairs the starts and stops of BORIS state events row by row."""
 
     def __init__(self, time: int, kind: int, where: dict[str, int]) -> None:
+        modifiers = [column for name, column in where.items() if name.startswith("modifier")]
         self._time, self._kind = time, kind
-        self._same = [where["subject"], where["behavior"]]
+        self._same = [where["subject"], where["behavior"], *modifiers]
         self.open: dict[tuple[str, ...], list[tuple[_Line, int]]] = {}
 
     def take(self, line: _Line) -> _Told:

@@ -40,7 +40,7 @@ _ROS1_MAGIC, _MCAP_MAGIC, _SQLITE_MAGIC, _ZSTD_MAGIC = (
     b"\x28\xb5\x2f\xfd",
 )
 # Writers store messages nearly in order; sorting looks this far back.
-_REORDER_NS, _REORDER_BYTES = 1_000_000_000, 64 * 1024 * 1024
+REORDER_NS, _REORDER_BYTES = 1_000_000_000, 64 * 1024 * 1024
 
 
 class BagError(Exception):
@@ -141,7 +141,7 @@ def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
         heapq.heappush(waiting, (message.at_ns, number, message))
         newest_ns = max(newest_ns, message.at_ns)
         waiting_bytes += len(message.data)
-        while waiting[0][0] <= newest_ns - _REORDER_NS or waiting_bytes > _REORDER_BYTES:
+        while waiting[0][0] <= newest_ns - REORDER_NS or waiting_bytes > _REORDER_BYTES:
             _, _, oldest = heapq.heappop(waiting)
             waiting_bytes -= len(oldest.data)
             yield oldest
@@ -149,6 +149,32 @@ def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
                 break
     while waiting:
         yield heapq.heappop(waiting)[2]
+
+
+def sorted_by_time(messages: Iterable[BagMessage], scratch: Path) -> Iterator[BagMessage]:
+    """Sort messages through a file in ``scratch``, for bags that were written topic by topic. Raises BagError."""
+    try:
+        with closing(sqlite3.connect(scratch / "sorted.db")) as database:
+            yield from _sorted_in(database, messages)
+    except sqlite3.Error as error:
+        raise BagError(f"The messages could not be sorted by time in {scratch.parent}: {error}.") from error
+
+
+def _sorted_in(database: sqlite3.Connection, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
+    channels: dict[BagChannel, int] = {}
+    database.execute("PRAGMA journal_mode = OFF")
+    database.execute("PRAGMA synchronous = OFF")
+    database.execute("CREATE TABLE messages (at_ns INTEGER, channel INTEGER, data BLOB, fraction REAL)")
+    for message in messages:
+        number = channels.setdefault(message.channel, len(channels))
+        row = (message.at_ns, number, message.data, message.fraction)
+        database.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", row)
+    # Sorting by the index keeps the data in the file.
+    database.execute("CREATE INDEX by_time ON messages (at_ns)")
+    rows = database.execute("SELECT * FROM messages INDEXED BY by_time ORDER BY at_ns, rowid")
+    known = list(channels)
+    for at_ns, number, data, fraction in rows:
+        yield BagMessage(at_ns, known[number], data, fraction)
 
 
 def type_spelling(name: str) -> str:
@@ -404,7 +430,8 @@ def _rows(path: Path, database: sqlite3.Connection, notes: ReadNotes) -> Iterato
         form, text = definitions.get(str(type_name), ("", ""))
         channels[number] = BagChannel(_topic(str(topic)), type_spelling(str(type_name)), str(encoding), text, form)
     (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
-    query = "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY timestamp, id"
+    # As they were written: times go back where the clock was set.
+    query = "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY id"
     for number, row in enumerate(database.execute(query, (MAX_MESSAGE_BYTES,)), start=1):
         topic_id, at_ns, data = row
         channel = channels.get(topic_id)
@@ -419,14 +446,14 @@ def _rows(path: Path, database: sqlite3.Connection, notes: ReadNotes) -> Iterato
         yield BagMessage(at_ns, channel, data, number / max(1, count))
 
 
-def _folder_messages(
-    parts: list[Bag], folder_notes: ReadNotes, notes: ReadNotes, *, folded: bool
-) -> Iterator[BagMessage]:
-    """Messages of the files of a rosbag2 folder in sequence. ``folded``: each message is compressed separately."""
+def _folder_messages(parts: list[Bag], folder_notes: ReadNotes, notes: ReadNotes) -> Iterator[BagMessage]:
+    """Messages of the files of a rosbag2 folder in sequence, also if each message is compressed separately."""
     for sentence in folder_notes.sentences:
         notes.add(sentence)
     for number, part in enumerate(parts):
         for message in part.messages(notes):
+            # By their first bytes: metadata.yaml is missing where the recording was not closed.
+            folded = message.channel.encoding == "cdr" and message.data.startswith(_ZSTD_MAGIC)
             try:
                 data = _unfolded(message.data, "zstd", None) if folded else message.data
             except ValueError as error:
@@ -442,7 +469,6 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
     metadata = _metadata(folder / "metadata.yaml")
     if metadata is None:
         files = _storage_files(folder)
-        mode = ""
         if files:
             notes.add("The folder has no metadata.yaml: the recording was not closed properly.")
     else:
@@ -453,6 +479,8 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         missing = [name for name in names if not (folder / name).is_file()]
         if missing:
             notes.add(f"Files listed in metadata.yaml are missing: {', '.join(missing)}.")
+        if unlisted := [path.name for path in _storage_files(folder) if path not in files]:
+            notes.add(f"Files that metadata.yaml does not list were not read: {', '.join(unlisted)}.")
         if mode not in ("", "none") and str(metadata.get("compression_format")) != "zstd":
             raise BagError(
                 f"{folder} uses the compression {metadata.get('compression_format')}, which is not supported."
@@ -472,11 +500,13 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
             notes.add(f"{path.name} is empty.")
         else:
             raise BagError(f"{path} is neither an MCAP file nor a rosbag2 database.")
-    return Bag("ROS 2 bag", partial(_folder_messages, parts, notes, folded=mode == "message"))
+    return Bag("ROS 2 bag", partial(_folder_messages, parts, notes))
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:
     try:
+        if not path.stat().st_size:
+            return None  # as after a power failure
         if path.stat().st_size > _MAX_METADATA_BYTES:
             raise BagError(f"{path} is far too large for bag metadata.")
         document = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data

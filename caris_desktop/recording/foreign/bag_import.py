@@ -6,7 +6,7 @@ import math
 import shutil
 import tempfile
 from bisect import bisect_right
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, field
@@ -23,6 +23,7 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.foreign.bag_files import (
+    REORDER_NS,
     Bag,
     BagChannel,
     BagError,
@@ -30,6 +31,7 @@ from caris_desktop.recording.foreign.bag_files import (
     ReadNotes,
     in_order_of_time,
     open_bag,
+    sorted_by_time,
 )
 from caris_desktop.recording.foreign.bag_messages import MessageReader, NotUnderstoodError
 from caris_desktop.recording.foreign.bag_values import (
@@ -66,6 +68,10 @@ _MOST_MINUTES = 500_000
 _MOST_STRAYS, _FEW = 10, 20
 """So few messages, and less than a twentieth of all, far from the others are a fault and no part of the recording."""
 _APART_NS = 1_000_000_000
+_STEADY, _LOOKED_BACK, _MOST_WAITING = 3, 100, 10_000
+"""So many messages of a topic tell a clock that was set from one wrong stamp, at most so many of all until then; rare
+messages before the first of them belong to the new time, too.
+"""
 _SURVEY_SHARE = 0.2
 _TELL_EVERY = 100
 _FLUSH_EVERY_NS = 1_000_000_000
@@ -129,7 +135,7 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
         place = partial / folder.name
         place.mkdir()
         bag = file or open_bag(path, scratch=scratch)
-        report = _import(bag, path, folder, place, progress)
+        report = _import(bag, path, folder, place, scratch, progress)
         place.rename(folder)
     except OSError as error:
         _log.info("importing %s", path, exc_info=True)
@@ -149,28 +155,75 @@ class _Survey:
     """Result of a first pass over the whole bag. Times are UTC as in the bag."""
 
     counts: Counter[BagChannel]
+    steps: "_ClockSteps"
     first_ns: int = _LATEST_UTC_NS
     last_ns: int = 0
     own_session: SessionHeader | None = None
     mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
     stretches: list["_BagPart"] = field(default_factory=list)
+    in_order: bool = True
 
     def moved(self, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
-        """Messages without hour-long gaps between them, and without strays."""
-        firsts_ns = [stretch.first_ns for stretch in self.stretches]
-        for message in messages:
-            at = bisect_right(firsts_ns, message.at_ns) - 1
-            moved_ns = self.stretches[at].moved_ns if at >= 0 else None
-            if moved_ns is not None and message.at_ns <= self.stretches[at].last_ns:
-                yield message._replace(at_ns=message.at_ns + moved_ns)
+        """Messages without hour-long gaps between them, in order where the clock was set back, and without strays."""
+        firsts = [(stretch.run, stretch.first_ns) for stretch in self.stretches]
+        for number, message in enumerate(messages):
+            run = self.steps.run_of(number)
+            at = bisect_right(firsts, (run, message.at_ns)) - 1
+            stretch = self.stretches[at] if at >= 0 else None
+            if stretch is None or stretch.run != run or stretch.moved_ns is None or message.at_ns > stretch.last_ns:
+                continue
+            yield message._replace(at_ns=message.at_ns + stretch.moved_ns)
+
+
+class _ClockSteps:
+    """Places in the file where the clock was set back: the times of a topic go back there and stay so."""
+
+    def __init__(self) -> None:
+        self._firsts: list[int] = []
+        self._recent: dict[BagChannel, deque[int]] = {}
+        self._back: dict[BagChannel, list[int]] = {}
+        self._waiting: deque[tuple[int, int]] = deque()
+
+    def run_of(self, number: int) -> int:
+        """Number of steps before a message."""
+        return bisect_right(self._firsts, number)
+
+    def process(self, number: int, message: BagMessage) -> Iterator[tuple[int, int]]:
+        """Numbers and times of earlier messages whose run is known now."""
+        self._waiting.append((number, message.at_ns))
+        recent = self._recent.setdefault(message.channel, deque(maxlen=_STEADY))
+        back = self._back.setdefault(message.channel, [])
+        before_ns = min(recent) - REORDER_NS if len(recent) == _STEADY else 0
+        if message.at_ns < before_ns:
+            back.append(number)
+        else:
+            back.clear()
+            recent.append(message.at_ns)
+        if len(back) == _STEADY:
+            first = min(numbers[0] for numbers in self._back.values() if numbers)
+            for earlier, at_ns in reversed(self._waiting):
+                if earlier < first and at_ns >= before_ns:
+                    break
+                first = min(first, earlier)
+            self._firsts.append(first)
+            self._recent.clear()
+            self._back.clear()
+        undecided = _MOST_WAITING if any(self._back.values()) else _LOOKED_BACK
+        while len(self._waiting) > undecided:
+            yield self._waiting.popleft()
+
+    def rest(self) -> Iterator[tuple[int, int]]:
+        """The last messages."""
+        yield from self._waiting
 
 
 @dataclass(slots=True)
 class _BagPart:
-    """Part of a bag without hour-long gaps. ``number`` is that of its first message in the file; ``moved_ns`` shifts
-    its times, None if it is left out.
+    """Part of a bag without hour-long gaps. ``run`` counts the times that the clock was set back before it; ``number``
+    is that of its first message in the file; ``moved_ns`` shifts its times, None if it is left out.
     """
 
+    run: int
     first_ns: int
     last_ns: int
     count: int
@@ -178,7 +231,9 @@ class _BagPart:
     moved_ns: int | None = 0
 
 
-def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[[float], None]) -> ImportReport:
+def _import(  # noqa: PLR0917 - all of one call
+    bag: Bag, path: Path, folder: Path, place: Path, scratch: Path, progress: Callable[[float], None]
+) -> ImportReport:
     notes = ReadNotes()
     survey = _surveyed(bag, path, notes, progress)
     readers: dict[BagChannel, MessageReader] = {}
@@ -189,7 +244,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
         except NotUnderstoodError as error:
             unreadable[channel] = str(error)
     casting = map_bag_topics(survey.counts, unreadable, from_caris=survey.own_session is not None)
-    if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
+    if not any(role.kind not in ("session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
             f"{path.name} contains no supported data ({len(survey.counts)} topics of the types {names}). "
@@ -209,7 +264,9 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
                 # Errors are noted in the second pass.
                 with suppress(MessageError):
                     maker.take_mounts(readers[channel].read(data))
-        for number, message in enumerate(in_order_of_time(survey.moved(bag.messages(notes)))):
+        messages = survey.moved(bag.messages(notes))
+        in_order = in_order_of_time(messages) if survey.in_order else sorted_by_time(messages, scratch)
+        for number, message in enumerate(in_order):
             if not number % _TELL_EVERY:
                 progress(_SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * min(1.0, message.fraction))
             role = casting.roles.get(message.channel)
@@ -226,7 +283,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
         ended_ns = max(last_ns, clock.started_ns)
         if origin is not None and origin.ended_ns is not None and ended_ns < origin.ended_ns < ended_ns + _NEAR_NS:
             ended_ns = origin.ended_ns
-        _refuse_nothing(path, casting, used, faults)
+        _refuse_nothing(path, casting, used, faults, has_pose=bool(writer.counts["pose"]))
         videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
     except BaseException:
         writer.abandon()
@@ -260,39 +317,35 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
 
 
 def _refuse_nothing(
-    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str]
+    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str], *, has_pose: bool
 ) -> None:
-    if not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
+    if not has_pose and not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
         first = next(iter(faults.values()), "no message could be read")
         raise BagError(f"{path.name} contains no usable message ({first}). Nothing was written.")
 
 
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
     """Read every message once for topics and times; problems are noted in the second pass."""
-    survey = _Survey(Counter())
-    minutes: dict[int, _BagPart] = {}
+    survey = _Survey(Counter(), _ClockSteps())
+    minutes = _Minutes(survey, notes)
+    without_time = 0
     for number, message in enumerate(bag.messages(notes)):
         if not number % _TELL_EVERY:
             progress(_SURVEY_SHARE * min(1.0, message.fraction))
         survey.counts[message.channel] += 1
-        if not 0 < message.at_ns < _LATEST_UTC_NS:
-            notes.add("Messages with a zero or invalid time were skipped.")
-            continue
-        minute = minutes.get(message.at_ns // _MINUTE_NS)
-        if minute is None:
-            if len(minutes) >= _MOST_MINUTES:
-                notes.add("The times in the bag are spread too widely; messages at further times were skipped.")
-                continue
-            minutes[message.at_ns // _MINUTE_NS] = _BagPart(message.at_ns, message.at_ns, 1, number)
-        else:
-            minute.first_ns, minute.last_ns = min(minute.first_ns, message.at_ns), max(minute.last_ns, message.at_ns)
-            minute.count += 1
         few = len(survey.mounts) < _MAX_MOUNTS and len(message.data) < _MAX_MOUNT_BYTES
         if has_mountings(message.channel) and few:
             survey.mounts.append((message.channel, message.data))
+        if not 0 < message.at_ns < _LATEST_UTC_NS:
+            without_time += 1
+            continue
+        minutes.add(survey.steps.process(number, message))
         if survey.own_session is None and message.channel.topic == SESSION_TOPIC:
             survey.own_session = _own_session(message)
-    survey.stretches = _intervals([minutes[minute] for minute in sorted(minutes)])
+    minutes.add(survey.steps.rest())
+    if without_time:
+        notes.add(f"{without_time} message{'s' * (without_time != 1)} with a zero or invalid time were skipped.")
+    survey.stretches = _intervals(minutes.parts)
     if survey.own_session is None:
         _take_out_gaps(survey.stretches, notes)
     used = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
@@ -306,12 +359,49 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
     return survey
 
 
+class _Minutes:
+    """Parts of a bag by run and minute."""
+
+    def __init__(self, survey: _Survey, notes: ReadNotes) -> None:
+        self._survey, self._notes = survey, notes
+        self._parts: dict[tuple[int, int], _BagPart] = {}
+        self._newest_ns: dict[int, int] = {}
+        self._jumped = False
+
+    @property
+    def parts(self) -> list[_BagPart]:
+        return [self._parts[key] for key in sorted(self._parts)]
+
+    def add(self, messages: Iterable[tuple[int, int]]) -> None:
+        """Add messages, given by number and time."""
+        for number, at_ns in messages:
+            run = self._survey.steps.run_of(number)
+            self._watch_order(run, at_ns)
+            part = self._parts.get((run, at_ns // _MINUTE_NS))
+            if part is not None:
+                part.first_ns, part.last_ns = min(part.first_ns, at_ns), max(part.last_ns, at_ns)
+                part.count += 1
+            elif len(self._parts) < _MOST_MINUTES:
+                self._parts[run, at_ns // _MINUTE_NS] = _BagPart(run, at_ns, at_ns, 1, number)
+            else:
+                self._notes.add("The times in the bag are spread too widely; messages at further times were skipped.")
+
+    def _watch_order(self, run: int, at_ns: int) -> None:
+        newest_ns = self._newest_ns.get(run, 0)
+        if newest_ns - at_ns > REORDER_NS:
+            self._survey.in_order = False
+        # One message hours ahead is a wrong stamp, to which the others are compared in vain.
+        self._jumped = at_ns - newest_ns >= _NEAR_NS and not self._jumped
+        if not self._jumped:
+            self._newest_ns[run] = max(newest_ns, at_ns)
+
+
 def _intervals(minutes: list[_BagPart]) -> list[_BagPart]:
-    """Merge parts that no hour-long gap separates."""
+    """Merge parts of one run that no hour-long gap separates."""
     joined: list[_BagPart] = []
     for minute in minutes:
         last = joined[-1] if joined else None
-        if last is not None and minute.first_ns - last.last_ns < _NEAR_NS:
+        if last is not None and last.run == minute.run and minute.first_ns - last.last_ns < _NEAR_NS:
             last.last_ns, last.count = minute.last_ns, last.count + minute.count
             last.number = min(last.number, minute.number)
         else:
@@ -321,11 +411,12 @@ def _intervals(minutes: list[_BagPart]) -> list[_BagPart]:
 
 def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
     """Close hour-long gaps: a clock set while recording, or one wrong stamp, would make a session of years. The largest
-    part keeps its times; the others follow in file order, a second apart.
+    part keeps its times; the others follow in file order, a second apart, also those of a clock that was set back.
     """
     total = sum(stretch.count for stretch in stretches)
+    of_run = Counter(stretch.run for stretch in stretches)
     for stretch in stretches:
-        if stretch.count <= _MOST_STRAYS and stretch.count * _FEW < total:
+        if stretch.count <= _MOST_STRAYS and stretch.count * _FEW < total and of_run[stretch.run] > 1:
             stretch.moved_ns = None
             notes.add(
                 f"{stretch.count} message{'s' * (stretch.count != 1)} of {_utc_text(stretch.first_ns)} UTC, hours from"
@@ -344,7 +435,15 @@ def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
         stretch.moved_ns = ends_ns + _APART_NS - stretch.first_ns
         ends_ns = stretch.last_ns + stretch.moved_ns
     for stretch in used:
-        if stretch.moved_ns:
+        if not stretch.moved_ns:
+            continue
+        if abs(stretch.moved_ns) < _NEAR_NS:
+            notes.add(
+                f"The clock was set back during the recording: the times from {_utc_text(stretch.first_ns)} to"
+                f" {_utc_text(stretch.last_ns)} UTC ({stretch.count} messages) were moved by"
+                f" {stretch.moved_ns / 1e9:.1f} s, in the order of the file."
+            )
+        else:
             notes.add(
                 f"The times from {_utc_text(stretch.first_ns)} to {_utc_text(stretch.last_ns)} UTC"
                 f" ({stretch.count} messages) are hours from the others, probably because the clock was set during"

@@ -63,6 +63,8 @@ _IMAGE_WORDS = frozenset(
         "camera_info",
     ]
 )
+# A depth camera has colour images, too: /depth_camera/image_raw.
+_DEPTH = re.compile(r"(?:^|[/_])depth(?!_cam)(?:$|[/_])")
 _SPEECH_WORDS = ("speech", "speak", "say", "tts", "utter", "transcript", "voice", "asr", "stt", "heard", "recogni")
 _HEARD_WORDS = ("asr", "stt", "transcript", "recogni", "heard", "participant", "speech_to_text")
 
@@ -167,15 +169,15 @@ def _role(channel: BagChannel) -> TopicRole | str:
                 return "its name does not indicate that these velocities drive the robot"
             return TopicRole("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
         case "sensor_msgs/CompressedImage":
-            if "depth" in words:
+            if _DEPTH.search(topic):
                 return "it is a depth image"
             return TopicRole("frame", "compressed_image", camera_name(channel.topic))
         case "foxglove_msgs/CompressedVideo":
             return TopicRole("frame", "compressed_video", camera_name(channel.topic))
         case "sensor_msgs/Image":
-            return (
-                "it is a depth image" if "depth" in words else TopicRole("frame", "image", camera_name(channel.topic))
-            )
+            if _DEPTH.search(topic):
+                return "it is a depth image"
+            return TopicRole("frame", "image", camera_name(channel.topic))
         case "sensor_msgs/CameraInfo":
             return TopicRole("lens", "camera_info", camera_name(channel.topic))
         case "std_msgs/String":

@@ -48,7 +48,7 @@ def _closed() -> Iterator[None]:
 
 
 def test_words_have_times_and_hallucinations_are_removed(server: Server) -> None:
-    text = engine(server.address).transcribe(SOUND, "We came in.", careful=True)
+    text = engine(server.address).transcribe(np.tile(SOUND, 3), "We came in.", careful=True)
     assert [(word.text, round(word.start_s, 2), round(word.end_s, 2)) for word in text.words] == [
         ("Where", 0.0, 0.67), ("is", 0.67, 1.0), ("the", 1.0, 1.44), ("lab?", 1.44, 2.0),
     ]  # fmt: skip
@@ -181,3 +181,64 @@ def test_a_scenario_does_not_choose_where_the_key_goes(server: Server, monkeypat
 def test_speech_is_not_sent_where_others_can_read_it(address: str) -> None:
     with pytest.raises(NoEngineError, match="is not sent to"):
         engine(address)
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ({"text": None}, ""),
+        ({"text": " [BLANK_AUDIO]\n [MUSIC PLAYING]\n"}, ""),
+        ({"text": "[Music] Where is the lab? [BLANK_AUDIO]"}, "Where is the lab?"),
+        ({"text": "(upbeat music)\n- Where is the lab? (laughs)"}, "Where is the lab?"),
+        ({"text": "[00:00:00.000 --> 00:00:02.000]  [SPEAKER_00]: Where is the lab?"}, "Where is the lab?"),
+        ({"text": "<|en|><|0.00|> Where is the lab?<|2.00|>"}, "Where is the lab?"),
+        ({"text": "Where (in the world) is it?"}, "Where (in the world) is it?"),
+        ({"text": "Thank you for watching!"}, ""),
+        ({"text": "ご視聴ありがとうございました"}, ""),
+        ({"text": "Thank you."}, "Thank you."),
+        ({"text": "Hello", "segments": [{"text": None}, {"text": ""}]}, "Hello"),
+        ({"text": "Hello", "segments": [{"text": "Hello", "avg_logprob": -2.0, "start": 0, "end": 1}]}, ""),
+    ],
+)
+def test_what_a_recogniser_writes_besides_words_was_not_said(server: Server, answer: object, said: str) -> None:
+    server.body = json.dumps(answer).encode()
+    words = engine(server.address, language="").transcribe(SOUND, "", careful=True).words
+    assert " ".join(word.text for word in words) == said
+
+
+@pytest.mark.parametrize(
+    "times", [{"start": 0.0, "end": 30.0}, {"start": None, "end": None}, {"start": -1, "end": float("inf")}]
+)
+def test_times_outside_the_sound_lose_no_word(server: Server, times: dict[str, object]) -> None:
+    server.body = json.dumps({"segments": [{"text": "Where is the lab?", **times}]}).encode()
+    words = engine(server.address).transcribe(SOUND, "", careful=True).words
+    assert len(words) == 4 and words[0].start_s == 0.0 and words[-1].end_s == 1.0
+
+
+def test_an_error_with_the_status_of_success_is_reported(server: Server) -> None:
+    server.body = b'{"error": "failed to read audio data"}'
+    with pytest.raises(EngineUnavailableError, match="failed to read audio data"):
+        engine(server.address).transcribe(SOUND, "", careful=True)
+
+
+def test_a_form_that_is_not_implemented_is_requested_in_the_other(server: Server) -> None:
+    def answers(fields: dict[str, str]) -> tuple[int, bytes]:
+        if fields.get("response_format") == "verbose_json":
+            return 501, b'{"error": "verbose_json is not implemented"}'
+        return 200, b'{"text": "Hello."}'
+
+    server.answers = answers
+    assert engine(f"{server.address}/audio/transcriptions").transcribe(SOUND, "", careful=True).words
+    assert server.asked[0][0] == "/v1/audio/transcriptions"
+    server.answers = lambda _fields: (500, b'{"error": "language detection failed"}')
+    with pytest.raises(EngineUnavailableError, match="500"):
+        engine(server.address).transcribe(SOUND, "", careful=True)
+    assert len(server.asked) == 3
+
+
+@pytest.mark.parametrize(
+    ("reported", "code"), [("english", "en"), ("German", "de"), ("pt-BR", "pt"), ("welsh", "welsh"), (None, "fr")]
+)
+def test_the_language_is_recorded_as_a_code(server: Server, reported: str | None, code: str) -> None:
+    server.body = json.dumps({"text": "Hello", "language": reported}).encode()
+    assert engine(server.address, language="fr").transcribe(SOUND, "", careful=True).language == code

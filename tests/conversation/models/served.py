@@ -56,7 +56,9 @@ async def serving(answer: Answer, *, tls: ssl.SSLContext | None = None) -> Async
         if reading.done() and not speaking.done():
             served.client_gone.set()
         reading.cancel()
-        speaking.cancel()
+        # A client that has gone while it speaks is no error.
+        if not speaking.cancel() and not speaking.cancelled():
+            speaking.exception()
         writer.close()
 
     server = await asyncio.start_server(handle, "127.0.0.1", 0, ssl=tls)

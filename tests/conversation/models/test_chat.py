@@ -402,6 +402,7 @@ def test_a_proxy_never_sees_local_requests(monkeypatch: pytest.MonkeyPatch) -> N
         ("ollama:m", {"OLLAMA_HOST": "[::1]:9000"}, "ollama", "http://[::1]:9000", "m"),
         ("openai:gpt", {}, "openai", "https://api.openai.com/v1", "gpt"),
         ("openai:m", {"OPENAI_BASE_URL": "http://lab-pc:8000"}, "openai", "http://lab-pc:8000", "m"),
+        ("openai:m", {"OPENAI_BASE_URL": "http://[::1]/v1/chat/completions/"}, "openai", "http://[::1]/v1", "m"),
     ],
 )
 def test_models_are_found_where_the_scenario_and_environment_say(
@@ -422,6 +423,7 @@ def test_models_are_found_where_the_scenario_and_environment_say(
         ("openai:m", {"OPENAI_BASE_URL": "http://lab-pc:port"}, "OPENAI_BASE_URL"),
         ("openai:m", {"OPENAI_BASE_URL": "http://me:secret@lab-pc"}, "keys do not belong"),
         ("openai:m", {"OPENAI_BASE_URL": "http://lab pc"}, "OPENAI_BASE_URL"),
+        ("openai:m", {"OPENAI_BASE_URL": "https://lab-pc/v1?api-version=1"}, "OPENAI_BASE_URL"),
     ],
 )
 def test_unusable_models_and_addresses_are_refused(model: str, environment: dict[str, str], expected: str) -> None:

@@ -108,12 +108,43 @@ def asked(
         f"{ANSWER}<|im_end|>\n<|im_start|>user\n{SECRET}",
         f"<think>{SECRET}</think>{ANSWER}<｜end▁of▁sentence｜>",
         f"<think></think>{ANSWER}</s>",
+        f"<reasoning_content>{SECRET}</reasoning_content>{ANSWER}",
+        f"<internal_monologue>{SECRET}</internal_monologue>{ANSWER}",
+        f'<details type="reasoning" done="true" duration="3">{SECRET}</details>\n{ANSWER}',
+        # Gemma 4, MedGemma
+        f"<|channel>thought\n{SECRET}<channel|>{ANSWER}",
+        f"thought\n{SECRET}<channel|>{ANSWER}<turn|>\n<|turn>user\n{SECRET}",
+        f"<unused94>thought\n{SECRET}<unused95>{ANSWER}",
+        # Solar Open, Apertus
+        f"<|begin|>assistant<|think|>{SECRET}<|end|><|begin|>assistant<|content|>{ANSWER}<|end|>",
+        f"<|inner_prefix|>{SECRET}<|inner_suffix|>{ANSWER}",
+        # gpt-oss from a server that drops its tokens
+        f"analysis{SECRET}assistantfinal{ANSWER}",
+        f"analysis{SECRET}assistantcommentary{SECRET}assistantfinal{ANSWER}",
     ],
 )
 def test_reasoning_is_not_spoken_wherever_it_is_cut(written: str, size: int) -> None:
     answers, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
     assert answers == [ANSWER]
     assert notes.reasoned is ("think></think" not in written and "im_end" not in written)
+
+
+@pytest.mark.parametrize("size", [1, 3, 1000])
+@pytest.mark.parametrize(
+    "written",
+    [
+        f"{ANSWER}<|end|><|user|>\n{SECRET}",
+        f"{ANSWER}\n<|im_start|>user\n{SECRET}",
+        f"{ANSWER}[INST] {SECRET} [/INST] {SECRET}",
+        f" [/INST]{ANSWER}",
+        f'{ANSWER}<tool_call>{{"name": "{SECRET}"}}</tool_call>',
+        f"{ANSWER}<｜tool▁calls▁begin｜>{SECRET}<｜tool▁calls▁end｜>",
+        f'{ANSWER}[TOOL_CALLS][{{"name": "{SECRET}"}}]',
+    ],
+)
+def test_turns_and_calls_that_a_model_adds_are_not_spoken(written: str, size: int) -> None:
+    [answer], _, _ = asked(lambda _body: sse(*words(written, size), STOP))
+    assert answer.strip() == ANSWER
 
 
 def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
@@ -160,10 +191,14 @@ def test_a_model_that_thinks_without_end_is_abandoned(provider: str, head: bytes
 
 
 def test_text_that_only_resembles_a_mark_is_spoken() -> None:
-    written = "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T"
-    assert asked(lambda _body: sse(*words(written, 2), STOP))[0] == [written]
+    for written in (
+        "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T",
+        "analysis is what we do, [INSTRUMENTS] too.",
+    ):
+        assert asked(lambda _body, written=written: sse(*words(written, 2), STOP))[0] == [written]
 
 
+@pytest.mark.logs("reported an error in the stream")
 @pytest.mark.parametrize(
     "messages",
     [
@@ -181,12 +216,35 @@ def test_text_that_only_resembles_a_mark_is_spoken() -> None:
         ],
         [chunk({"content": "", "reasoning_content": SECRET}), chunk({"content": ANSWER, "reasoning": SECRET}), STOP],
         [{"choices": [{"message": {"role": "assistant", "content": ANSWER}, "finish_reason": "stop"}]}],
+        [chunk({"content": "The lab "}), {"choices": [{"index": 1, "delta": {"content": "Another."}}]},
+         chunk({"content": "closes at six."}), {"choices": [{"index": 1, "delta": {}, "finish_reason": "stop"}]}, STOP],
+        [chunk({"content": [{"type": "text", "text": SECRET, "thought": True}]}), chunk({"content": ANSWER}), STOP],
+        [chunk({"thinking": SECRET}), chunk({"reasoning_text": SECRET}), chunk({"content": ANSWER}), STOP],
+        # Each piece is marked as the end, or with a reason that is none.
+        [chunk({"content": "The lab "}, "stop"), chunk({"content": "closes at six."}, "stop")],
+        [chunk({"content": "The lab "}, "null"), chunk({"content": "closes at six."}, "null"), STOP],
+        [chunk({"content": ANSWER}, "stop"), {"error": {"message": "usage could not be counted"}}],
         [b'{"choices": [{"delta": {"content": "The lab "}}]}\n'
          b'data: {"choices": [{"delta": {"content": "closes at six."}}]}'],
     ],
 )  # fmt: skip
 def test_chunks_of_no_use_are_skipped(messages: list[Any]) -> None:
     assert asked(lambda _body: sse(*messages))[0] == [ANSWER]
+
+
+def test_a_whole_answer_stays_whole_however_the_server_ends() -> None:
+    content = event(chunk({"content": ANSWER})) + event(STOP)
+    broken_off = SSE_HEAD.replace(b"\r\n\r\n", b"\r\nContent-Length: 9999\r\n\r\n")
+    chunked = SSE_HEAD.replace(b"\r\n\r\n", b"\r\nTransfer-Encoding: chunked\r\n\r\n")
+    byte_order_mark = b"\xef\xbb\xbf"
+    for reply in (
+        broken_off + content,
+        chunked + b"%x\r\n" % len(content) + content + b"\r\n",
+        SSE_HEAD + byte_order_mark + content,
+        SSE_HEAD.replace(b"200 OK", b"201 Created") + content,
+        whole({"choices": [{"message": {"role": "assistant", "content": ANSWER}}]}),
+    ):
+        assert asked(lambda _body, reply=reply: reply)[0] == [ANSWER], reply
 
 
 @pytest.mark.parametrize("indent", [None, 2])
@@ -237,6 +295,45 @@ def test_a_parameter_that_is_refused_is_left_out_once_and_for_all(
     assert answers == [ANSWER, ANSWER]
     assert len(served.bodies) == 2 + len(names), "it is remembered"
     assert set(notes.left_out) == set(names)
+
+
+@pytest.mark.logs("answered with HTTP status")
+@pytest.mark.parametrize(
+    ("provider", "status", "error"),
+    [
+        ("openai", "400 Bad Request", {"object": "error", "message": "System role not supported", "code": 400}),
+        ("openai", "500 Internal Server Error", {"error": {"message": "Jinja: System role not supported"}}),
+        ("openai", "400 Bad Request", {"error": {
+            "message": "Unsupported value: 'messages[0].role' does not support 'system' with this model.",
+            "param": "messages[0].role"}}),
+        ("gemini", "400 Bad Request", {"error": {"message": "Developer instruction is not enabled for gemma-3"}}),
+    ],
+)  # fmt: skip
+def test_a_model_without_a_system_role_gets_its_prompt_with_the_question(
+    provider: str, status: str, error: dict[str, Any]
+) -> None:
+    def reply(body: dict[str, Any]) -> bytes:
+        if "systemInstruction" in body or any(one["role"] == "system" for one in body.get("messages", ())):
+            return whole(error, status)
+        return refusing(how=lambda _name: {})(body)
+
+    answers, notes, served = asked(reply, provider=provider, times=2)
+    assert answers == [ANSWER, ANSWER] and notes.left_out == ("system role",) and len(served.bodies) == 3
+    sent: Any = served.bodies[-1]
+    text = sent["contents"][0]["parts"][0]["text"] if provider == "gemini" else sent["messages"][0]["content"]
+    assert text == "\n\n".join(message.content for message in QUESTION)
+
+
+def test_a_server_that_does_not_stream_is_asked_for_the_whole_answer() -> None:
+    def reply(body: dict[str, Any]) -> bytes:
+        if "stream" in body:
+            message = "Your organization must be verified to stream this model."
+            return whole(
+                {"error": {"message": message, "param": "stream", "code": "unsupported_value"}}, "400 Bad Request"
+            )
+        return whole({"choices": [{"message": {"content": ANSWER}, "finish_reason": "stop"}]})
+
+    assert asked(reply)[0] == [ANSWER]
 
 
 def test_reasoning_models_have_room_and_are_limited() -> None:
@@ -305,6 +402,12 @@ def test_without_a_limit_of_the_server_an_answer_is_held_to_it_here() -> None:
         ("ollama", LINES_HEAD + b'{"message": {"content": "The lab closes"}, "done": false}\n'
                                 b'{"message": {"content": ""}, "done": true, "done_reason": "length"}\n', "length"),
         ("openai", sse(chunk({"content": "The lab closes"}, "stop")), ""),
+        ("openai", sse(chunk({"content": "The lab closes"}, "eos")), ""),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "MAX_TOKENS")), "length"),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "model_length")), "length"),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "SAFETY")), "filter"),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "content_filter: PROHIBITED")), "filter"),
+        ("openai", sse(chunk({"content": "The lab closes"}), chunk({}, "sensitive")), "filter"),
     ],
 )  # fmt: skip
 def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) -> None:
@@ -323,6 +426,30 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         (whole(b"model requires more system memory", "400 Bad Request", "text/plain"), "system memory", "smaller"),
         (whole({"error": {"message": "Invalid role: tool"}}, "400 Bad Request"), "Invalid role", "the reason names"),
         (sse(chunk({"content": "The lab "}), chunk({"content": ""}, "error")), "stopped with an error", "Ask again"),
+        (sse(chunk({"content": "It "}), chunk({}, "insufficient_system_resource")), "insufficient_", "Ask again"),
+        (sse(chunk({"content": "The lab "}), chunk({}, "abort")), "stopped with an error: abort", "Ask again"),
+        (sse(chunk({"content": "The lab "}), {"object": "error", "message": "CUDA out of memory", "code": 500}),
+         "stopped with an error: CUDA out of memory", "Ask again"),
+        (SSE_HEAD + b'event: error\ndata: {"message": "slot is gone", "code": 500}\n\n', "slot is gone", "Ask again"),
+        (SSE_HEAD + b'error: {"code": 500, "message": "slot is gone"}\n\n', "slot is gone", "Ask again"),
+        (whole({"detail": "Not authenticated"}), "Not authenticated", "Ask again"),
+        (whole({"success": False, "errors": [{"code": 7003, "message": "No route"}]}), "No route", "Ask again"),
+        (whole(b"Bad gateway", kind="text/plain"), "Bad gateway", "address belongs to a language model"),
+        (whole({"error": {"message": "Provider returned error", "code": 502, "metadata": {"raw": "no memory left"}}}),
+         "Provider returned error: no memory left", "Ask again"),
+        (whole({"error": {"message": "Insufficient Balance"}}, "402 Payment Required"), "Insufficient", "credit"),
+        (whole({"error": {"code": "content_filter", "message": "The prompt triggered the content management policy."}},
+               "400 Bad Request"), "content management", "Rephrase"),
+        (whole({"error": {"message": "some-model is not a valid model ID"}}, "400 Bad Request"), "not a valid",
+         "Check the model's name"),
+        (whole({"detail": "Not Found"}, "404 Not Found"), "at this address", "/v1"),
+        # Mistral and Open WebUI
+        (whole({"object": "error", "message": {"detail": [{"loc": ["body", "tools"], "msg": "Extra inputs"}]}},
+               "422 Unprocessable"), "tools: Extra inputs", "the reason names"),
+        (whole({"error": "model requires more system memory (5.5 GiB) than is available"}, "500 Internal Server Error"),
+         "system memory", "smaller model"),
+        (whole({"error": True, "message": "The server is asleep"}), "The server is asleep", "Ask again"),
+        (whole({"error": {"type": "overloaded_error"}}), "overloaded_error", "Ask again"),
         (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)",
          "Rephrase the question"),
     ],

@@ -28,6 +28,12 @@ def test_each_reply_is_final_as_soon_as_it_is_complete() -> None:
         ('Sure! ```json\n{"replies": ["One.", "Two."]}\n``` Anything else, "sir"?', ("One.", "Two.")),
         ('{"answer": "Caf\\u00e9."}', ("Café.",)),
         ('{"answer": "bad \\x escape"}', ("",)),
+        (
+            '{"reasoning": "They ask.", "answer": "One.", "analysis": {"steps": ["Secret."]}, "ask": "Two?"}',
+            ("One.", "Two?"),
+        ),
+        ('[{"type": "answer", "text": "One."}, {"type": "ask", "text": "Two?"}]', ("One.", "Two?")),
+        ('{"error": "model overloaded"}', ()),
         ("One.\nTwo.", ()),
         ('{"answer": "never ends', ()),
         ("]]]}}}", ()),

@@ -14,7 +14,7 @@ from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked, Problem
+from caris_desktop.domain.events import AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked, Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import PromptPart
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed
@@ -38,6 +38,15 @@ SETTINGS = AssistantSettings(
     people="names",
 )
 NOBODY: Any = None
+
+
+class NothingToSay:
+    """Speech queue, for a text without words."""
+
+    def say(self, _text: str, _origin: str, _actor: str) -> str:
+        return ""
+
+
 SERVER = ProcessSpec("language-model", lambda *_: None)
 ADDITION = ProcessSpec("model-addition", lambda *_: None)
 
@@ -440,3 +449,11 @@ def test_a_plug_in_is_not_used_where_nothing_may_leave_this_computer(new_desk: C
     status: AssistantStatus = desk.state.assistant.value
     assert status.state == "failed" and "only local models" in status.detail
     assert "plugin:lab" not in [choice.model for choice in desk.setup.models]
+
+
+def test_an_answer_without_words_is_refused_and_not_recorded_as_said(new_desk: Callable[..., Desk]) -> None:
+    made = new_desk()
+    made.service._speech = NothingToSay()  # type: ignore[assignment]
+    with pytest.raises(UserFacingError, match="nothing that can be spoken"):
+        made.do(intents.SayAnswer("👍"))
+    assert not any(isinstance(event, AnswerUsed) for event in made.published)

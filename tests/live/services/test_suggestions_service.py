@@ -332,3 +332,8 @@ def test_another_participant_finds_nothing_of_the_one_before(desk: Desk) -> None
     desk.suggestions.forget()
     assert question.over and desk.cards == [] and desk.fates() == [(1, "expired")]
     assert desk.of(SuggestionChanged)[0].actor == MODEL
+
+
+def test_replies_in_a_numbered_list_are_said_without_their_numbers(desk: Desk) -> None:
+    desk.question().answer("1. It stops at once.\n2) You are safe.\n3. Stay behind the line.")
+    assert desk.cards == ["It stops at once.", "You are safe.", "Stay behind the line."]

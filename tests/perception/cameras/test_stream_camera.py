@@ -9,6 +9,7 @@ import pytest
 
 from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 from caris_desktop.perception.cameras.stream_camera import StreamCamera
+from caris_desktop.perception.recorded_video import VideoFile
 
 _ONE = 1 << 16
 _MATRICES = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}
@@ -56,6 +57,8 @@ def test_a_video_is_turned_as_its_file_says(
     camera.close()
     assert (camera.width_px, camera.height_px) == size_px
     assert picture is not None
-    assert picture.image.shape[:2] == (size_px[1], size_px[0])
-    white = [at for at in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if picture.image[at].mean() > 128]
-    assert white == [corner]
+    with VideoFile(path) as video:
+        _, tracked = next(video.pictures())
+    for image in (picture.image, tracked):
+        assert image.shape[:2] == (size_px[1], size_px[0])
+        assert [at for at in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if image[at].mean() > 128] == [corner]

@@ -33,6 +33,7 @@ def read(folder: Path, content: str | bytes, *, coder: str = "anna") -> list[tup
         "tier,start_ms,end_ms,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
         "tier,start,end,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
         "tier;start_s;end_s;value\r\nGaze;1;2,5;robot\r\n\r\nGaze;2,5;61,234;away\r\n",
+        "sep=;\ntier;start_s;end_s;value\nGaze;1;2,5;robot\nGaze;2,5;61,234;away\n",
         "Tier,Start,End,Label\nGaze,1.0,2.5,robot\nGaze,2.5,61.234,away\n",
         "Tier\tBegin\tEnd\tText\nGaze\t00:00:01.000\t0:02.5\trobot\nGaze\t00:00:02.500\t00:01:01.234\taway\n",
         'value,tier,"end (ms)","start (ms)"\nrobot,Gaze,2500,1000\n"away",Gaze,61234,2500',
@@ -186,6 +187,47 @@ def test_tables_of_boris_are_read_and_what_is_skipped_is_counted(
     ]
     assert set(names.values()) == {(name, "P1", "C1") for name in ("looks at robot", "points", "smiles")}
     assert skipped == left_out
+
+
+def _boris(tmp_path: Path, *events: str) -> tuple[list[tuple[str, int, int, str]], list[str]]:
+    path, skipped = tmp_path / "boris.csv", list[str]()
+    head = "Observation id,Subject,Behavior,Modifier #1,Behavior type,"
+    times = "Time" if any("START" in event for event in events) else "Start (s),Stop (s)"
+    path.write_text("\n".join((head + times, *(f"obs1,P1,{event}" for event in events))), encoding="utf-8")
+    document = read_csv(path, skipped=skipped)
+    names = {tier.tier_id: tier.name for tier in document.tiers}
+    return sorted((names[one.tier_id], one.start_ms, one.end_ms, one.value) for one in document.annotations), skipped
+
+
+def test_states_of_boris_with_other_modifiers_are_other_states(tmp_path: Path) -> None:
+    # The first one was never stopped.
+    found, skipped = _boris(tmp_path, "points,left,START,1.0", "points,right,START,5.0", "points,right,STOP,6.0")
+    assert found == [("points", 5000, 6000, "points (right)")]
+    assert skipped == ["Skipped rows with a start but no stop: 1."]
+    found, _ = _boris(
+        tmp_path,
+        "points,left,START,1.0", "points,right,START,2.0", "points,right,STOP,3.0", "points,left,STOP,4.0",
+    )  # fmt: skip
+    assert found == [
+        ("points (left)", 1000, 4000, "points (left)"), ("points (right)", 2000, 3000, "points (right)"),
+    ]  # fmt: skip
+
+
+def test_a_state_of_boris_without_a_stop_is_no_moment(tmp_path: Path) -> None:
+    found, skipped = _boris(tmp_path, "looks,,STATE,1.0,NA", "nods,,POINT,2.0,NA")
+    assert found == [("nods", 2000, 2200, "nods")]
+    assert skipped == ["Skipped rows with a start but no stop: 1."]
+
+
+def test_a_quotation_mark_in_a_text_of_elan_swallows_no_line(tmp_path: Path) -> None:
+    path = tmp_path / "elan.txt"
+    path.write_text(
+        "Tier\tBegin Time - msec\tEnd Time - msec\tAnnotation\n"
+        'Talk\t1000\t2000\t"Hello\nTalk\t3000\t4000\tyou," he said\nTalk\t5000\t6000\t"Bye\n',
+        encoding="utf-8",
+    )
+    found = [(one.start_ms, one.value) for one in read_csv(path).annotations]
+    assert found == [(1000, '"Hello'), (3000, 'you," he said'), (5000, '"Bye')]
 
 
 def test_an_annotation_without_length_is_a_moment(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import shutil
+import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,6 +37,7 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
+from caris_desktop.recording.foreign import bag_files
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
@@ -709,3 +711,138 @@ def test_stray_stamps_are_counted_and_left_out(tmp_path: Path) -> None:
     strays = [note for note in report.notes if "hours from all others" in note]
     assert [note.split()[:2] for note in strays] == [["1", "message"]] * 2
     assert "stray" not in [value.text for value in values(open_session(tmp_path / "s"), UtteranceChanged)]
+
+
+def _odometry(at_ms: int, x_m: float, topic: str = "/odom") -> Written:
+    odometry = Odometry(0, None, Pose2D(x_m, 0.0, 0.0), Twist2D(1.0, 0.0, 0.0))
+    return topic, "nav_msgs/msg/Odometry", at_ms, message_conversion.encode_odometry(ROS2, odometry, stamp_ns=T0_NS)
+
+
+def _pose(at_ms: int, x_m: float) -> Written:
+    transform = ("map", "base_link", Pose2D(x_m, 0.0, 0.0))
+    return (
+        "/tf",
+        "tf2_msgs/msg/TFMessage",
+        at_ms,
+        message_conversion.encode_tf_message(ROS2, [transform], stamp_ns=T0_NS),
+    )
+
+
+def test_positions_alone_are_a_recording(tmp_path: Path) -> None:
+    bag = write_ros1(tmp_path / "r.bag", (_pose(at_ms, at_ms / 1000) for at_ms in range(0, 1000, 100)))
+    report = import_bag(bag, tmp_path / "s")
+    assert report.values["pose"] == 10
+    unknown = message_conversion.encode_tf_message(ROS2, [("a", "b", Pose2D(0.0, 0.0, 0.0))], stamp_ns=T0_NS)
+    bag = write_ros1(tmp_path / "a.bag", iter([("/tf", "tf2_msgs/msg/TFMessage", 0, unknown)]))
+    with pytest.raises(BagError, match="Nothing was written"):
+        import_bag(bag, tmp_path / "a")
+
+
+def _set_back(by_ms: int) -> Iterator[Written]:
+    """Robot that drives on for 10 s while the clock is set back in the middle."""
+    for number in range(100):
+        at_ms = number * 100 - (by_ms if number >= 50 else 0)
+        if number in (0, 50):
+            mount = message_conversion.encode_tf_message(
+                ROS2, [("base_link", "laser_link", Pose2D(0.2, 0.0, 0.0))], stamp_ns=T0_NS
+            )
+            yield "/tf_static", "tf2_msgs/msg/TFMessage", at_ms, mount
+        yield _odometry(at_ms, float(number))
+        yield _pose(at_ms, float(number))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
+@pytest.mark.parametrize("by_ms", [3_000, 1_800_000, 86_400_000])
+def test_a_clock_that_was_set_back_mixes_no_times(kind: str, by_ms: int, tmp_path: Path) -> None:
+    if kind == "ros1":
+        bag = write_ros1(tmp_path / "r.bag", _set_back(by_ms))
+    else:
+        storage = SQLITE if kind == "sqlite" else MCAP
+        bag = write_ros2(tmp_path / "b", _set_back(by_ms), storage=storage, mode=CompressionMode.NONE)
+    report = import_bag(bag, tmp_path / "s")
+    assert report.duration_s == pytest.approx(4.9 + 1.0 + 4.9, abs=0.01)
+    session = open_session(report.folder)
+    assert [one.pose_in_odom.x_m for one in values(session, Odometry)] == list(range(100)), "as it was recorded"
+    assert len(values(session, RobotPose)) == 100
+    assert sum("The clock was set" in note or "the clock was set" in note for note in report.notes) == 1
+    assert any("101 messages" in note or "100 messages" in note for note in report.notes)
+
+
+@pytest.mark.parametrize("storage", [SQLITE, MCAP])
+def test_a_bag_that_was_written_topic_by_topic_is_in_order_of_time(storage: StoragePlugin, tmp_path: Path) -> None:
+    one_by_one = sorted(_set_back(0), key=lambda written: written[0])
+    bag = write_ros2(tmp_path / "b", iter(one_by_one), storage=storage, mode=CompressionMode.NONE)
+    report = import_bag(bag, tmp_path / "s")
+    session = open_session(report.folder)
+    stamps = [value.stamp_ns for _, value in session.values()]
+    assert stamps == sorted(stamps) and len(values(session, RobotPose)) == 100
+    assert report.duration_s == pytest.approx(9.9, abs=0.01)
+
+
+def test_a_wrong_stamp_within_the_hour_moves_nothing_else(tmp_path: Path) -> None:
+    written = [*_set_back(0)]
+    written[60:60] = [_odometry(-1_000_000, -1.0)]
+    written[90:90] = [_odometry(20_000, -1.0)]
+    report = import_bag(write_ros1(tmp_path / "r.bag", iter(written)), tmp_path / "s")
+    assert not any("clock was set" in note for note in report.notes)
+    found = [one for one in values(open_session(report.folder), Odometry) if one.pose_in_odom.x_m >= 0]
+    assert [one.pose_in_odom.x_m for one in found] == list(range(100))
+    assert found[-1].stamp_ns - found[0].stamp_ns == pytest.approx(9.9e9, abs=1e7)
+
+
+def test_messages_without_a_time_are_counted_and_a_mounting_needs_none(tmp_path: Path) -> None:
+    written = [
+        (topic, kind, -T0_NS // MS if topic == "/tf_static" or number < 3 else at_ms, message)
+        for number, (topic, kind, at_ms, message) in enumerate(scans_before_the_mount(mounted_ms=0))
+    ]
+    report = import_bag(write_ros1(tmp_path / "r.bag", iter(written)), tmp_path / "s")
+    without = sum(at_ms < 0 for _, _, at_ms, _ in written)
+    assert f"{without} messages with a zero or invalid time were skipped." in report.notes
+    scans = values(open_session(report.folder), LaserScan)
+    assert scans and all(found.robot_from_laser == Near(Pose2D(0.2, 0.0, 3.1)) for found in scans)
+
+
+@pytest.mark.parametrize("metadata", [None, ""])
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE])
+def test_a_folder_that_was_not_closed_is_read(mode: CompressionMode, metadata: str | None, tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "b", _set_back(0), storage=SQLITE, mode=mode)
+    (folder / "metadata.yaml").unlink()
+    if metadata is not None:
+        (folder / "metadata.yaml").write_text(metadata)
+    report = import_bag(folder, tmp_path / "s")
+    assert report.values["odometry"] == 100
+    assert any("was not closed properly" in note for note in report.notes)
+
+
+def test_files_that_the_metadata_omits_are_named(tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "b", _set_back(0), storage=MCAP, mode=CompressionMode.NONE)
+    shutil.copy(folder / "b.mcap", folder / "b_1.mcap")
+    assert any("b_1.mcap" in note for note in import_bag(folder, tmp_path / "s").notes)
+
+
+def test_the_colour_images_of_a_depth_camera_are_shown(tmp_path: Path) -> None:
+    topics_of_it = (
+        "/depth_camera/image_raw", "/depth_camera/depth/image_raw", "/camera/aligned_depth_to_color/image_raw",
+        "/camera/depth/image_rect_raw", "/head/depth_registered/image",
+    )  # fmt: skip
+    written = [(topic, "sensor_msgs/msg/Image", 10 + at, raw_image(at, T0_NS)) for at, topic in enumerate(topics_of_it)]
+    report = import_bag(write_ros1(tmp_path / "r.bag", iter(written)), tmp_path / "s")
+    assert {topic for topic, (became, _) in topics(report).items() if became} == {"/depth_camera/image_raw"}
+
+
+def test_only_a_bag_out_of_order_is_sorted_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_arguments: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(bag_files, "_sorted_in", full)
+    spoken = [
+        (20 * 10**9, "stray"),
+        *_driven(_TRUE_NS, 30),
+        (_TRUE_NS + 10**17, "stray"),
+        *_driven(_TRUE_NS + 10**10, 30),
+    ]
+    assert import_bag(_speech(tmp_path / "a.mcap", spoken), tmp_path / "s").values
+    one_by_one = sorted(_set_back(0), key=lambda written: written[0])
+    with pytest.raises(BagError, match="could not be sorted by time"):
+        import_bag(write_ros1(tmp_path / "r.bag", iter(one_by_one)), tmp_path / "r")
+    assert not (tmp_path / "r").exists()
