@@ -232,6 +232,13 @@ def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.Mo
     assert spoken == (sum(row["robot_utterances"] + (row["participant_utterances"] or 0) for row in made.measures),)
 
 
+@pytest.mark.parametrize("name", ["Study [2026]", "condition=Z", "a*b?", "it's"])
+def test_the_name_of_a_folder_changes_nothing(name: str, study: Path, tmp_path: Path, made: StudyStatistics) -> None:
+    # DuckDB would read brackets and stars as patterns, and a condition from condition=Z.
+    again = study_statistics(study, tmp_path / name)
+    assert (again.measures, again.summary) == (made.measures, made.summary)
+
+
 def test_a_study_in_which_nothing_happened_has_statistics_too(tmp_path: Path) -> None:
     tell(tmp_path / "sessions" / "s", [], lasts_s=10, trial={})
     made = study_statistics(tmp_path, tmp_path / "statistics")
