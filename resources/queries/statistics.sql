@@ -553,17 +553,20 @@ WHERE lower(purpose) != 'practice'
 GROUP BY GROUPING SETS ((cause), (cause, condition))
 ORDER BY of DESC, condition, alarms DESC, cause;
 
+-- The sessions that count: practice is in measures only.
+CREATE VIEW counted AS SELECT session FROM sessions WHERE lower(purpose) != 'practice';
+
 -- How often which label was marked, in which session.
 CREATE VIEW labels AS
 SELECT session, any_value(condition) AS condition, kind, label, count(*) AS n, sum(duration_s) AS lasted_s
-FROM marks
+FROM marks SEMI JOIN counted USING (session)
 GROUP BY session, kind, label
 ORDER BY session, kind, label;
 
 -- How often, and how long, each coder used which code in which session.
 CREATE VIEW codes AS
 SELECT session, any_value(condition) AS condition, coder, tier, value, count(*) AS n, sum(duration_s) AS lasted_s
-FROM annotations
+FROM annotations SEMI JOIN counted USING (session)
 GROUP BY session, coder, tier, value
 ORDER BY session, coder, tier, value;
 
@@ -578,7 +581,7 @@ SELECT
         ELSE server
     END AS server,
     count(*) AS asked, count(*) FILTER (outcome = 'answered') AS answered, count(seed) AS with_seed
-FROM event_llm_exchange
+FROM event_llm_exchange SEMI JOIN counted USING (session)
 GROUP BY ALL
 ORDER BY session, provider, model, model_version, server;
 
@@ -596,6 +599,6 @@ SELECT
     median(latency_ms) AS latency_ms,
     avg(edit_distance ORDER BY edit_distance) FILTER (use = 'edited') AS edit_distance,
     median((first_token_ns - asked_ns) / 1e9) AS first_token_s
-FROM answers
+FROM answers SEMI JOIN counted USING (session)
 GROUP BY session, provider, model, model_version, purpose
 ORDER BY session, provider, model, model_version, purpose;

@@ -197,7 +197,12 @@ def test_results_are_files_to_continue_from(made: StudyStatistics) -> None:
         assert [row["purpose"] for row in csv.DictReader(file)] == ["", "", "", "practice"]
     with (made.out / "labels.csv").open(encoding="utf-8", newline="") as file:
         labels = list(csv.DictReader(file))
-    assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
+    counting = [row for row in made.measures if row["purpose"] != "practice"]
+    assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in counting)
+    for name in ("models", "model_functions"):
+        with (made.out / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            asked = sum(int(row["asked"]) for row in csv.DictReader(file))
+        assert asked == sum(row["llm_exchanges"] for row in counting), name
     with (made.out / "codebook.csv").open(encoding="utf-8", newline="") as file:
         codebook = list(csv.DictReader(file))
     assert [row["column"] for row in codebook if row["table"] == "measures"] == [figure.name for figure in MEASURES]
