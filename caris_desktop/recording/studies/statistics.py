@@ -46,7 +46,7 @@ from caris_desktop.recording.studies.study_index import (
 from caris_desktop.recording.tables.build import parquet_sql, quoted, table_sql
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 9
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 10
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 Plugins = tuple[PluginMeasure, ...]
