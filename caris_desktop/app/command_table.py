@@ -4,10 +4,11 @@ import argparse
 import builtins
 import gc
 import importlib
+import io
+import os
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, redirect_stderr, redirect_stdout
-from typing import TextIO, cast
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 
 from caris_desktop.app.arguments import build_parser
 from caris_desktop.domain.foreign_text import PrintableStream
@@ -75,6 +76,8 @@ _DETAILS_IN_LOG = (
     "transcribe-again",
     "models",
 )
+_READER_GONE = 141
+"""As of a program that SIGPIPE ended, by the rule of shells."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -100,15 +103,29 @@ def run(words: Sequence[str]) -> int:
 
 
 def _run(module_name: str, arguments: argparse.Namespace) -> int:
-    # Titles, words and file names are foreign text; a terminal would execute escape sequences in them.
-    with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
-        return int(importlib.import_module(module_name).run(arguments))
-
-
-def _printable(
-    stream: TextIO, redirect: Callable[[TextIO], AbstractContextManager[TextIO]]
-) -> AbstractContextManager[TextIO]:
-    return redirect(cast("TextIO", PrintableStream(stream)))
+    """Exit status of a command, whatever its output is connected to."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Names have letters that the encoding of a terminal or file may lack.
+            stream.reconfigure(errors="backslashreplace")
+    # Titles, words and file names are foreign text; a terminal would execute escape sequences in them. Python leaves a
+    # program without a stream that was closed before.
+    out, err = (None if stream is None else PrintableStream(stream) for stream in (sys.stdout, sys.stderr))
+    try:
+        with redirect_stdout(out), redirect_stderr(err):
+            status = int(importlib.import_module(module_name).run(arguments))
+        if out is not None:
+            out.flush()
+    except OSError as error:
+        if out is None or out.failure is not error:
+            raise
+        # Python writes what is left once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return _READER_GONE
+        print(f"The output could not be written: {error.strerror or error}.", file=sys.stderr)
+        return 1
+    return status
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:

@@ -2,7 +2,8 @@
 
 import errno
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,30 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 class PrintableStream:
-    """Output stream whose text is :func:`printable`, line by line. ``plain`` is the underlying stream."""
+    """Output stream whose text is :func:`printable`, line by line. ``plain`` is the underlying stream; ``failure`` is
+    why it could not be written.
+    """
 
     def __init__(self, plain: Any) -> None:
         self.plain = getattr(plain, "plain", plain)
+        self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        self.plain.write(printable(text, lines=True))
+        with self._noting_failure():
+            self.plain.write(printable(text, lines=True))
         return len(text)
+
+    def flush(self) -> None:
+        with self._noting_failure():
+            self.plain.flush()
+
+    @contextmanager
+    def _noting_failure(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.failure = error
+            raise
 
     def writelines(self, lines: Iterable[str]) -> None:
         for line in lines:

@@ -2,12 +2,15 @@
 
 import contextlib
 import functools
+import io
 import logging
 import logging.handlers
 import multiprocessing
 import os
+import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +20,7 @@ from typing import Any
 from caris_desktop.domain.plugins import ENDED, LOAD_WITHIN_S, Plugin, PluginError, load, not_returned, watched
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
+_log = logging.getLogger(__name__)
 Report = Callable[..., None]
 Host = Callable[[Any], Callable[..., Any]]
 """Called in the process with what the entry point names; its result answers each request as
@@ -92,9 +96,9 @@ class PluginProcess:
         ends_s = time.monotonic() + within_s
         try:
             while self._connection.poll(max(0.0, ends_s - time.monotonic())):
-                match self._connection.recv():
-                    case logging.LogRecord() as record:
-                        logging.getLogger(record.name).handle(record)
+                match _Unpickler(io.BytesIO(self._connection.recv_bytes())).load():
+                    case "log", str(name), int(level), str(text):
+                        logging.getLogger(name).log(level, "%s", text)
                     case "result", result:
                         return result
                     case "failed", str(failure):
@@ -105,6 +109,9 @@ class PluginProcess:
                         ends_s = time.monotonic() + within_s
         except (EOFError, OSError):
             reason = ENDED
+        except Exception:  # whatever unpickling raises
+            _log.warning("what the plug-in %s sent", self._plugin.name, exc_info=True)
+            reason = QT_TR_NOOP("it returned something of an unexpected kind")
         SWITCHED_OFF[self._plugin] = reason
         self.close()
         raise PluginError(self._plugin, reason)
@@ -123,7 +130,7 @@ def _serve(connection: Connection, plugin: Plugin, host: Host) -> None:
             connection.send(message)
 
     to_parent = logging.handlers.QueueHandler(queue.SimpleQueue())
-    to_parent.enqueue = send  # type: ignore[method-assign, assignment]
+    to_parent.enqueue = lambda record: send(("log", record.name, record.levelno, record.getMessage()))  # type: ignore[method-assign]
     logging.getLogger().addHandler(to_parent)
     logging.getLogger().setLevel(logging.INFO)
     try:
@@ -134,9 +141,30 @@ def _serve(connection: Connection, plugin: Plugin, host: Host) -> None:
             send(("result", result))
             request = requests.get()
             with watched(plugin):
-                result = answer(lambda *values: send(("report", values)), *request)
+                result = _known(answer(lambda *values: send(("report", values)), *request))
     except PluginError as error:
         send(("failed", error.reason))
+
+
+def _known(result: Any) -> Any:
+    """A result; an error is one of a class that the other process knows, which does not run the plug-in's code."""
+    if not isinstance(result, Exception):
+        return result
+    ours = ("builtins", "caris_desktop")
+    kind = next(one for one in type(result).__mro__ if one.__module__.partition(".")[0] in ours)
+    if kind is type(result):
+        return result
+    code = getattr(result, "errno", None)
+    return kind(str(result)) if code is None else kind(code, str(getattr(result, "strerror", result)))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reader of messages that imports nothing: the code of a plug-in stays in its own process."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module not in sys.modules:
+            raise pickle.UnpicklingError(f"{module}.{name} is not known here")
+        return super().find_class(module, name)
 
 
 def _read(connection: Connection, requests: "queue.SimpleQueue[tuple[Any, ...]]") -> None:

@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from pathlib import Path
+from types import TracebackType
 
 import platformdirs
 
@@ -43,9 +44,15 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
         print(f"The log {path} cannot be written ({error}); details are shown in this terminal only.", file=sys.stderr)
         handlers = [stderr]
     _install(handlers, "console")
-    sys.excepthook = lambda kind, value, trace: logging.getLogger("caris_desktop").critical(
-        "unhandled error", exc_info=(kind, value, trace)
-    )
+
+    def report(kind: type[BaseException], value: BaseException, trace: TracebackType | None) -> None:
+        logging.getLogger("caris_desktop").critical("unhandled error", exc_info=(kind, value, trace))
+        if not terminal and issubclass(kind, Exception):
+            print(
+                printable(f"The command failed unexpectedly ({kind.__name__}: {value}). Log: {path}"), file=sys.stderr
+            )
+
+    sys.excepthook = report
     threading.excepthook = lambda failure: logging.getLogger("caris_desktop").critical(
         "unhandled error in thread %s", failure.thread.name if failure.thread else "?", exc_info=failure.exc_value
     )

@@ -149,7 +149,8 @@ def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
             continue
         if host and port is not None:
             places.setdefault(f"{host}:{port}".encode(), name)
-        if host and host not in _OWN_HOSTS:
+        # A host called robot or kitchen reveals nothing by itself, and the word has other meanings: a speaker, a place.
+        if host and host not in _OWN_HOSTS and not host.isalpha():
             places.setdefault(host.encode(), name)
     # Longest first: a host is a prefix of itself with a port.
     ordered = sorted(places, key=len, reverse=True)

@@ -29,7 +29,7 @@ from caris_desktop.recording.tables.catalog import Column, Table, key_columns, p
 
 _log = logging.getLogger(__name__)
 # To be raised when the same recording gives other tables than before.
-_VERSION = 1
+_VERSION = 3
 _FOLDER, _KEY_FILE, _PART = "tables", "key.json", ".part"
 _TRANSCRIPTS = "transcripts"
 DELETED_BY_ERASURE = frozenset((_FOLDER, _TRANSCRIPTS))

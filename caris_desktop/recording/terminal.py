@@ -14,7 +14,7 @@ class ProgressLine:
 
     def __init__(self) -> None:
         self._out: TextIO = getattr(sys.stderr, "plain", sys.stderr)
-        self._shows = self._out.isatty()
+        self._shows = sys.stderr is not None and self._out.isatty()
         self._began_s = time.monotonic()
 
     def __enter__(self) -> "ProgressLine":

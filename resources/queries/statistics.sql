@@ -34,6 +34,11 @@ SELECT session, start_ns, coalesce(next_ns, ended_ns) AS end_ns
 FROM stretches JOIN sessions USING (session)
 WHERE paused AND coalesce(next_ns, ended_ns) > start_ns;
 
+-- A pause ends what lasts: what is still so after it is recorded again.
+CREATE MACRO next_pause_ns(in_session, at_ns) AS (
+    SELECT min(start_ns) FROM pauses WHERE session = in_session AND start_ns >= at_ns
+);
+
 -- Response times: the robot speaks right after a participant, soon enough, with no pause in between.
 CREATE VIEW turns AS
 SELECT
@@ -98,7 +103,7 @@ WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= getvariable('respo
         WHERE pauses.session = moments.session AND start_ns < moments.next_ns AND end_ns > moments.at_ns
     );
 
--- The way by odometry, without jumps; from the velocities where it reports no place.
+-- The way by odometry, without jumps and pauses; from the velocities where it reports no place.
 CREATE VIEW odometry_steps AS
 SELECT
     session,
@@ -106,10 +111,12 @@ SELECT
     pose_in_odom_y_m AS y_m,
     sqrt(pow(pose_in_odom_x_m - lag(pose_in_odom_x_m) OVER before, 2)
         + pow(pose_in_odom_y_m - lag(pose_in_odom_y_m) OVER before, 2)) AS step_m,
-    (stamp_ns - lag(stamp_ns) OVER before) / 1e9 AS step_s,
+    CASE WHEN coalesce(pause_ns, 0) <= lag(stamp_ns) OVER before THEN (stamp_ns - lag(stamp_ns) OVER before) / 1e9 END
+        AS step_s,
     sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2)) AS speed_mps,
     lag(sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2))) OVER before AS speed_before_mps
 FROM odometry
+ASOF LEFT JOIN (SELECT session, start_ns AS stamp_ns, start_ns AS pause_ns FROM pauses) USING (session, stamp_ns)
 WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
 
 CREATE VIEW ways AS
@@ -131,20 +138,27 @@ SELECT
 FROM (SELECT session, stamp_ns, end_ns, state FROM goals) JOIN sessions USING (session);
 
 CREATE VIEW navigated AS
-SELECT session, sum(greatest(0, end_ns - greatest(start_ns, coalesce(covered_ns, start_ns)))) / 1e9 AS seconds
-FROM (
-    SELECT *, max(end_ns) OVER (
+WITH ahead AS (
+    SELECT session, end_ns, greatest(start_ns, coalesce(max(end_ns) OVER (
         PARTITION BY session ORDER BY start_ns ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING
-    ) AS covered_ns
+    ), start_ns)) AS begin_ns
     FROM goal_spans
 )
+SELECT session, sum(greatest(0, end_ns - begin_ns - (
+    SELECT coalesce(sum(greatest(0, least(pauses.end_ns, ahead.end_ns) - greatest(start_ns, begin_ns))), 0)
+    FROM pauses WHERE pauses.session = ahead.session
+))) / 1e9 AS seconds
+FROM ahead
 GROUP BY session;
 
 -- The link to the robot, from its first connection on.
 CREATE VIEW link_states AS
 SELECT
     session, state, stamp_ns AS start_ns,
-    coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) AS end_ns
+    least(
+        coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)),
+        next_pause_ns(session, stamp_ns)
+    ) AS end_ns
 FROM event_link_changed JOIN sessions USING (session)
 WHERE link = 'control' AND stamp_ns >= (
     SELECT min(stamp_ns) FROM event_link_changed first
@@ -156,8 +170,10 @@ CREATE VIEW link_trouble AS FROM link_states WHERE state IN ('trouble', 'lost', 
 CREATE VIEW guard_states AS
 SELECT
     session, state, stamp_ns,
-    (coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) - stamp_ns)
-        / 1e9 AS lasted_s
+    (least(
+        coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)),
+        next_pause_ns(session, stamp_ns)
+    ) - stamp_ns) / 1e9 AS lasted_s
 FROM event_guard_changed JOIN sessions USING (session);
 
 -- The most people who were there together for a while: somebody whom the tracker loses stands there twice for a moment.
@@ -537,17 +553,20 @@ WHERE lower(purpose) != 'practice'
 GROUP BY GROUPING SETS ((cause), (cause, condition))
 ORDER BY of DESC, condition, alarms DESC, cause;
 
+-- The sessions that count: practice is in measures only.
+CREATE VIEW counted AS SELECT session FROM sessions WHERE lower(purpose) != 'practice';
+
 -- How often which label was marked, in which session.
 CREATE VIEW labels AS
 SELECT session, any_value(condition) AS condition, kind, label, count(*) AS n, sum(duration_s) AS lasted_s
-FROM marks
+FROM marks SEMI JOIN counted USING (session)
 GROUP BY session, kind, label
 ORDER BY session, kind, label;
 
 -- How often, and how long, each coder used which code in which session.
 CREATE VIEW codes AS
 SELECT session, any_value(condition) AS condition, coder, tier, value, count(*) AS n, sum(duration_s) AS lasted_s
-FROM annotations
+FROM annotations SEMI JOIN counted USING (session)
 GROUP BY session, coder, tier, value
 ORDER BY session, coder, tier, value;
 
@@ -562,7 +581,7 @@ SELECT
         ELSE server
     END AS server,
     count(*) AS asked, count(*) FILTER (outcome = 'answered') AS answered, count(seed) AS with_seed
-FROM event_llm_exchange
+FROM event_llm_exchange SEMI JOIN counted USING (session)
 GROUP BY ALL
 ORDER BY session, provider, model, model_version, server;
 
@@ -580,6 +599,6 @@ SELECT
     median(latency_ms) AS latency_ms,
     avg(edit_distance ORDER BY edit_distance) FILTER (use = 'edited') AS edit_distance,
     median((first_token_ns - asked_ns) / 1e9) AS first_token_s
-FROM answers
+FROM answers SEMI JOIN counted USING (session)
 GROUP BY session, provider, model, model_version, purpose
 ORDER BY session, provider, model, model_version, purpose;

@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from caris_desktop.recording.session.session_reader import open_session
+from tests.recording.told_session import TRIAL, tell
 from tests.support.console_process import ConsoleProcess, without_models
 from tests.support.polling import wait_for
 from tests.support.processes import alive
@@ -55,6 +56,63 @@ def _command(*words: str, environment: dict[str, str] | None = None) -> subproce
         timeout=60,
         env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **(environment or {})},
     )
+
+
+def _written_to(output: int, *words: str, **environment: str) -> tuple[int, str]:
+    """Exit status and messages of a command whose output goes there."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "caris_desktop", *words],
+        stdout=output,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=60,
+        env={**os.environ, **environment},
+    )
+    return ended.returncode, ended.stderr
+
+
+@pytest.mark.parametrize("command", ["robots", "check"])
+def test_a_reader_that_has_enough_ends_a_command_quietly(command: str) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        assert _written_to(write, command) == (141, "")
+    finally:
+        os.close(write)
+
+
+def test_a_command_works_without_output_and_messages(tmp_path: Path) -> None:
+    tell(tmp_path / "sessions" / "s", [], lasts_s=1.0)
+    # A scheduler may start programs with these closed.
+    words = [sys.executable, "-m", "caris_desktop", "statistics", str(tmp_path)]
+    subprocess.run(["sh", "-c", '"$@" >&- 2>&-', "sh", *words], check=True, timeout=60)
+    assert (tmp_path / "statistics" / "summary.csv").exists()
+
+
+def test_output_that_cannot_be_written_is_reported() -> None:
+    with Path("/dev/full").open("wb") as full:
+        assert _written_to(full.fileno(), "robots") == (
+            1,
+            "The output could not be written: No space left on device.\n",
+        )
+
+
+def test_a_name_is_listed_on_a_terminal_without_its_letters(tmp_path: Path) -> None:
+    tell(tmp_path / "sessions" / "s", [], lasts_s=1.0, trial={**TRIAL, "participant": "Zoë \U0001f600"})
+    with (tmp_path / "listed").open("wb") as listed:
+        assert _written_to(listed.fileno(), "sessions", str(tmp_path), PYTHONIOENCODING="ascii") == (0, "")
+    assert "Zo\\xeb \\U0001f600" in (tmp_path / "listed").read_text("ascii")
+
+
+def test_a_command_says_that_it_failed_unexpectedly(tmp_path: Path) -> None:
+    # A failure of the interpreter stands for every fault of ours: its trace is in the log.
+    (tmp_path / "duckdb.py").write_text("raise RuntimeError('broken')\n")
+    tell(tmp_path / "sessions" / "s", [], lasts_s=1.0)
+    status, told = _written_to(subprocess.DEVNULL, "statistics", str(tmp_path), PYTHONPATH=str(tmp_path))
+    assert status == 1
+    assert "failed unexpectedly (RuntimeError: broken)" in told
+    assert "Traceback" not in told
 
 
 def _problem(console: ConsoleProcess, words: str, *, timeout_s: float = 30.0) -> str:

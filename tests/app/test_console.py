@@ -148,6 +148,7 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         console.shutdown()
 
 
+@pytest.mark.logs(r"live\.bus: The emergency stop could not be sent")
 def test_a_recording_begins_with_what_is_in_progress_and_shows_what_the_closing_of_the_program_ended(
     qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -187,8 +188,10 @@ def test_a_recording_begins_with_what_is_in_progress_and_shows_what_the_closing_
         console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True))
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
         folder = Path(state.recording.value.folder)
+        console.do(intents.EmergencyStop())
         console.do(intents.PauseRecording(paused=True))
         qtbot.waitUntil(lambda: state.recording.value.state == "paused", timeout=60_000)
+        console.do(intents.ReleaseEmergencyStop())
         console.do(intents.PauseRecording(paused=False))
         qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
         console.do(intents.Ask("What is this?"))
@@ -207,6 +210,9 @@ def test_a_recording_begins_with_what_is_in_progress_and_shows_what_the_closing_
     assert [event.state for _, event in session.values("event/goal_changed")] == ["cancelled"]
     assert "Navigation goals" not in {tier.name for tier in tiers.tiers}
     assert measure(read_facts(session)).of("goals") == {}
+    # Its release in the pause is known afterwards, so that the next activation counts.
+    emergency = [event.latched for _, event in session.values("event/emergency_stop_changed")]
+    assert emergency == [True, False]
 
 
 def _robot(camera: str) -> RobotConnection:

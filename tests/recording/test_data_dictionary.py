@@ -2,17 +2,23 @@
 
 import dataclasses
 import re
+import shutil
 import typing
 from pathlib import Path
 
+from caris_desktop.domain.events import Marked
+from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.streams import STREAMS
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, THRESHOLDS
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.tables.build import session_batches
 from caris_desktop.recording.tables.catalog import tables_of
 from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION_TABLE
-from tests.recording.told_session import tell
+from tests.recording.told_session import at, tell
 
 TABLES = (
     SESSION_TABLE,
@@ -82,6 +88,21 @@ def test_the_meaning_of_an_empty_cell_is_given() -> None:
     columns = {(table.name, column.field): column for table in TABLES for column in table.columns if column.field}
     missing = [key for key in _may_be_empty() if key in columns and not columns[key].empty]
     assert missing == []
+
+
+def test_the_cells_of_a_recording_are_empty_only_where_that_has_a_meaning(tmp_path: Path) -> None:
+    folder = tell(tmp_path / "s", [Marked(at(1.0), ""), StatusShown(at(1.0), "goal", None)], lasts_s=5.0)
+    unnamed = AnnotationDocument((Tier("t", "Gaze", "Ann"),), (), (Annotation("a", "t", 0, 1000, ""),))
+    save_coder(folder, unnamed, "Ann")
+    (recorded,) = (Path(__file__).parents[2] / "examples" / "study" / "sessions").glob("*_P01")
+    unexplained = {
+        (table.name, column.name)
+        for session in map(open_session, (folder, shutil.copytree(recorded, tmp_path / "recorded")))
+        for table, cells in session_batches(session)
+        for column, values in zip(table.columns, cells, strict=True)
+        if not column.empty and any(value is None or (isinstance(value, str) and not value) for value in values)
+    }
+    assert unexplained == set()
 
 
 def test_texts_of_a_fixed_set_list_their_values() -> None:

@@ -84,7 +84,7 @@ def test_one_exports_with_the_pseudonyms_that_were_asked_for(
     assert "lab_lab" not in sys.modules, "this process does not run it"
 
 
-@pytest.mark.logs("the plug-in lab of lab-lab failed", "nearly")
+@pytest.mark.logs("the plug-in lab of lab-lab failed", "what the plug-in lab sent", "nearly")
 @pytest.mark.long("*it printed*", "*ModuleNotFoundError*")
 @pytest.mark.parametrize(
     ("module", "reason"),
@@ -96,6 +96,7 @@ def test_one_exports_with_the_pseudonyms_that_were_asked_for(
         (source("logging.warning('nearly'); time.sleep(3600)"), "it did not return within 2 s"),
         (source(WRITES, version=9), "it is written for version 9 of the interface, and this program has version 1"),
         (source(WRITES, before="import nothing_of_this_name"), "it raised ModuleNotFoundError: No module named"),
+        (source("context.warn(Plugin)"), "it returned something of an unexpected kind"),
     ],
 )
 def test_one_that_fails_is_named_and_costs_only_itself(

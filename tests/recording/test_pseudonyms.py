@@ -104,6 +104,25 @@ def test_no_export_says_who_made_the_recording_or_where_the_robot_is(study: Path
     assert "hello there" in found["one/csv/utterances.csv"]
 
 
+@pytest.mark.parametrize("host", ["robot", "participant", "text", "hello"])
+def test_the_name_of_a_robot_that_is_a_word_changes_no_other_text(host: str, tmp_path: Path) -> None:
+    # Such as ws://robot:9090: the word is the speaker of each utterance, too.
+    values = [
+        RobotChosen(at(-1.0), "tiago", "TIAGo", f"ws://{host}:9090"),
+        LinkChanged(at(0.5), "control", "lost", f"ws://{host}:9090", f"{host}:9090 does not answer"),
+        *heard(1, 2.0, 3.0, "Hi"),
+        *said(2, 3.5, 3.6, 4.0, "hello there"),
+    ]
+    tell(tmp_path / "sessions" / "s", values, lasts_s=9.0, robot={"profile": "tiago", "address": f"ws://{host}:9090"})
+    (row,) = study_statistics(tmp_path, tmp_path / "statistics").measures
+    assert (row["robot_utterances"], row["participant_utterances"], row["responses"]) == (1, 1, 1)
+    export_all(ExportRequest((tmp_path / "sessions" / "s",), ("csv",), tmp_path / "out"))
+    found = words_of(tmp_path / "out" / "s")
+    assert "hello there" in found["utterances.csv"]
+    assert "robot.address,tiago" in found["session.csv"]
+    assert f"{host}:9090" not in "".join(found.values()) and "tiago does not answer" in found["event_link_changed.csv"]
+
+
 def test_names_are_exported_where_a_person_chose_that(study: Path, tmp_path: Path) -> None:
     parser = argparse.ArgumentParser()
     export_command.add_arguments(parser)

@@ -15,6 +15,7 @@ from caris_desktop.domain.events import (
     EmergencyStopChanged,
     Event,
     GoalChanged,
+    GuardChanged,
     LinkChanged,
     Marked,
     PersonAppeared,
@@ -236,7 +237,8 @@ class SessionService(ContextService):
         super().__init__(context)
         self._parts = parts
         self._with = concerned
-        self._latched: EmergencyStopChanged | None = None
+        self._emergency: EmergencyStopChanged | None = None
+        self._stopped_before_pause = False
         self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
@@ -318,9 +320,12 @@ class SessionService(ContextService):
             *self._with.robot.state_events(),
             *self._with.going_on.state_events(now_ns),
         ]
-        if state.drive.value.emergency_stop:
-            latched = self._latched or EmergencyStopChanged(now_ns, True, "wizard")
-            standing.append(replace(latched, stamp_ns=now_ns))
+        drive = state.drive.value
+        if drive.emergency_stop or (resumed and self._stopped_before_pause):
+            known = self._emergency or EmergencyStopChanged(now_ns, drive.emergency_stop, "wizard")
+            standing.append(replace(known, stamp_ns=now_ns, latched=drive.emergency_stop))
+        if resumed:
+            standing.append(GuardChanged(now_ns, drive.guard, drive.guard_distance_m, drive.guard_detail, CONSOLE))
         goal: GoalChanged | None = state.goal.value
         if goal is not None and (resumed or goal.state in ("requested", "active")):
             # A goal that ended before does not belong to this recording; during a pause its end is missing.
@@ -347,6 +352,7 @@ class SessionService(ContextService):
         concerned.assistant.forget()
         concerned.suggestions.forget()
         if intent.paused:
+            self._stopped_before_pause = self._state.drive.value.emergency_stop
             concerned.marks.end_all(intent.actor)
             concerned.microphone.close()
         elif concerned.scenario.current.permissions.audio_recording:
@@ -355,7 +361,7 @@ class SessionService(ContextService):
         concerned.protocol.pause(intent.paused)
 
     def _on_emergency_stop(self, event: EmergencyStopChanged) -> None:
-        self._latched = event if event.latched else None
+        self._emergency = event
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("idle", "failed"):

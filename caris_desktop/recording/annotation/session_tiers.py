@@ -6,7 +6,8 @@ Names and states are English in files and translated for display; texts by peopl
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, get_args
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
@@ -307,11 +308,12 @@ def _assistant_rows(data: SessionData) -> Iterable[_Row]:
 
 def _console_rows(data: SessionData) -> Iterable[_Row]:
     ended_ns = data.session.ended_ns
+    lasting = partial(_until_next, ended_ns=ended_ns, paused_ns=[begin_ns for begin_ns, _ in data.pauses])
     trouble: list[_TierInterval] = []
     links = data.of(LinkChanged)
     for link in dict.fromkeys(change.link for change in links):
         changes = [change for change in links if change.link == link]
-        for change, end_ns in _until_next(changes, ended_ns):
+        for change, end_ns in lasting(changes):
             if change.state in _TROUBLE:
                 trouble.append(_TierInterval(change.stamp_ns, end_ns, link_words(change)))
     yield _Row(QT_TR_NOOP("Link trouble"), trouble)
@@ -319,7 +321,7 @@ def _console_rows(data: SessionData) -> Iterable[_Row]:
         QT_TR_NOOP("Obstacle guard"),
         [
             _TierInterval(change.stamp_ns, end_ns, state(change.state))
-            for change, end_ns in _until_next(data.of(GuardChanged), ended_ns)
+            for change, end_ns in lasting(data.of(GuardChanged))
             if change.state not in ("absent", "clear")
         ],
     )
@@ -327,7 +329,7 @@ def _console_rows(data: SessionData) -> Iterable[_Row]:
         QT_TR_NOOP("Emergency stop"),
         [
             _TierInterval(change.stamp_ns, end_ns, emergency_words(change))
-            for change, end_ns in _until_next(data.of(EmergencyStopChanged), ended_ns)
+            for change, end_ns in lasting(data.of(EmergencyStopChanged))
             if change.latched
         ],
     )
@@ -447,10 +449,13 @@ def _start_ns(stretch: _TierInterval) -> int:
     return stretch.start_ns
 
 
-def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
-    """Each state change with the time of the next one, which ends the state."""
+def _until_next(changes: list[Any], ended_ns: int, paused_ns: Sequence[int] = ()) -> list[tuple[Any, int]]:
+    """Each state change with the time of the next one, or of the next pause, which ends the state."""
     ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns][: len(changes)]
-    return [(change, max(change.stamp_ns, end_ns)) for change, end_ns in zip(changes, ends_ns, strict=True)]
+    return [
+        (change, min([max(change.stamp_ns, end_ns), *(one for one in paused_ns if one >= change.stamp_ns)]))
+        for change, end_ns in zip(changes, ends_ns, strict=True)
+    ]
 
 
 def _of_mark(mark: FinalMark, value: str) -> _TierInterval:

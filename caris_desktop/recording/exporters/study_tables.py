@@ -1,5 +1,6 @@
 """Study tables: one tidy set over all sessions of a study, with codebook, R script and notebook, and SPSS files."""
 
+import glob
 import importlib.util
 import itertools
 import json
@@ -312,7 +313,7 @@ def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequenc
     with duckdb.connect(":memory:", config={"threads": 1}) as database:
         for name, columns in TABLES.items():
             path = parquet / f"{name}.parquet"
-            database.execute(table_sql(name, columns, str(path) if path.exists() else ""))
+            database.execute(table_sql(name, columns, glob.escape(str(path)) if path.exists() else ""))
         database.execute(f"CREATE TABLE {PLUGIN_TABLE} (session VARCHAR, measure VARCHAR, value DOUBLE)")
         if plugin_values:
             database.executemany(f"INSERT INTO {PLUGIN_TABLE} VALUES (?, ?, ?)", plugin_values)  # noqa: S608 - ours

@@ -191,8 +191,8 @@ MEASURES = (
         "distance_m",
         "Distance that the robot drove, from its odometry; empty if it reported none.",
         (
-            "Sum of the steps between positions, without those faster than plausible_speed_mps; without "
-            "positions, sum of speed times time, each speed for at most velocity_holds_s."
+            "Sum of the steps between positions, without those faster than plausible_speed_mps and those across a "
+            "pause; without positions, sum of speed times time, each speed for at most velocity_holds_s."
         ),
     ),
     Measure(
@@ -206,7 +206,7 @@ MEASURES = (
     Measure(
         "navigating_s",
         "Time during which the robot drove to a goal.",
-        "Time from the request of a goal to its end; overlapping goals count once.",
+        "Time from the request of a goal to its end, without pauses; overlapping goals count once.",
     ),
     Measure("max_speed_mps", "Highest speed, from the robot's odometry.", empty="There was no odometry."),
     Measure("stops", "Number of times the wizard pressed Stop."),
@@ -246,7 +246,7 @@ MEASURES = (
     Measure(
         "link_trouble_s",
         "Time during which the robot could not be reached.",
-        "Time in the states trouble, lost or connecting after the first connection.",
+        "Time in the states trouble, lost or connecting after the first connection, without pauses.",
     ),
     Measure("lost_values", "Values that were not recorded."),
     Measure(

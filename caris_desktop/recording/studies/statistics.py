@@ -3,6 +3,7 @@
 The output folder contains the tables, the results as CSV, and the SQL that produced them, for further analysis.
 """
 
+import glob
 import io
 import json
 import logging
@@ -42,10 +43,10 @@ from caris_desktop.recording.studies.study_index import (
     session_folders,
     sessions_dir_of,
 )
-from caris_desktop.recording.tables.build import quoted, table_sql
+from caris_desktop.recording.tables.build import parquet_sql, quoted, table_sql
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 9
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 10
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 Plugins = tuple[PluginMeasure, ...]
@@ -271,15 +272,15 @@ def _remove(folder: Path) -> None:
 
 
 def queries(out: Path, plugins: Plugins = (), *, tables: str = "tables") -> str:
-    """SQL text: the tables, then the queries. ``tables`` is the path of their folder in it."""
+    """SQL text: the tables, then the queries. ``tables`` is the path of their folder in it, as a pattern."""
     lines = ["-- The tables. Those that no session has are empty."]
     for name, columns in TABLES.items():
         files = f"{tables}/*/{name}.parquet" if any((out / "tables").glob(f"*/{name}.parquet")) else ""
         lines.append(table_sql(name, columns, files))
     added = []
     if any((out / "tables").glob(f"*/{PLUGIN_TABLE}.parquet")):
-        files = quoted(f"{tables}/*/{PLUGIN_TABLE}.parquet")
-        lines.append(f"CREATE TABLE {PLUGIN_TABLE} AS FROM read_parquet({files});")
+        files = f"{tables}/*/{PLUGIN_TABLE}.parquet"
+        lines.append(f"CREATE TABLE {PLUGIN_TABLE} AS FROM {parquet_sql(files)};")
         added = [one.plugin.name for one in plugins]
     return "\n".join([*lines, "", sql(added)])
 
@@ -290,12 +291,13 @@ def _compute(out: Path, style: CsvStyle, plugins: Plugins) -> tuple[tuple[Summar
     try:
         # One thread: several would add in another order in each run, and are no faster in opening thousands of files.
         with duckdb.connect(":memory:", config={"threads": 1}) as database:
-            # Restrict DuckDB to the tables, whatever a query says.
-            tables = (out / "tables").resolve()
-            database.execute(f"SET allowed_directories = [{quoted(f'{tables}/')}]")
+            # Restrict DuckDB to the tables, whatever a query says: it checks the pattern, then each file.
+            tables = str((out / "tables").resolve())
+            allowed = [quoted(f"{folder}/") for folder in (tables, glob.escape(tables))]
+            database.execute(f"SET allowed_directories = [{', '.join(allowed)}]")
             database.execute("SET enable_external_access = false")
             database.execute("SET lock_configuration = true")
-            database.execute(queries(out, plugins, tables=str(tables)))
+            database.execute(queries(out, plugins, tables=glob.escape(tables)))
             measures = _rows(database, "SELECT * FROM measures ORDER BY session")
             rows = _rows(database, "SELECT * FROM summary")
             others = {name: _rows(database, f"SELECT * FROM {view}") for name, view in _OTHER_VIEWS.items()}  # noqa: S608

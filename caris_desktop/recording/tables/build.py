@@ -226,7 +226,8 @@ def sql_types(name: str, columns: Iterable[str]) -> dict[str, str]:
 
 
 def table_sql(name: str, columns: Iterable[str], files: str = "") -> str:
-    """SQL that creates a table with its key columns and these columns from the Parquet ``files``, or an empty one.
+    """SQL that creates a table with its key columns and these columns from the Parquet ``files`` (a pattern), or an
+    empty one.
 
     A table rather than a view, so that the files of 200 sessions are opened once and not by each query.
     """
@@ -234,8 +235,16 @@ def table_sql(name: str, columns: Iterable[str], files: str = "") -> str:
     if not files:
         empty = ", ".join(f'NULL::{kind} AS "{one}"' for one, kind in kinds.items())
         return f"CREATE TABLE {name} AS SELECT {empty} LIMIT 0;"
-    chosen, source = ", ".join(f'"{one}"' for one in kinds), f"read_parquet({quoted(files)}, union_by_name = true)"
-    return f"CREATE TABLE {name} AS SELECT {chosen} FROM {source};"  # noqa: S608 - ours
+    chosen = ", ".join(f'"{one}"' for one in kinds)
+    return f"CREATE TABLE {name} AS SELECT {chosen} FROM {parquet_sql(files)};"  # noqa: S608 - ours
+
+
+def parquet_sql(files: str) -> str:
+    """Source of these Parquet files in SQL, with their own columns only.
+
+    DuckDB would replace a column by what a folder such as ``condition=A`` on the way to them says.
+    """
+    return f"read_parquet({quoted(files)}, union_by_name = true, hive_partitioning = false)"
 
 
 def quoted(text: str) -> str:

@@ -348,9 +348,10 @@ def _columns_of_field(
     some = [member for member in union_members(hint) if member is not type(None)]
     hint, optional = some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
     unit = unit_of(name)
+    may_be_empty = optional or hint in (str, Any) or str in some or "" in get_args(hint)
     if optional and not meaning.empty:
         meaning = Meaning(meaning.text, "Not recorded.")
-    elif not optional and hint is not str and "" not in get_args(hint) and len(path) == 1:
+    elif not may_be_empty and len(path) == 1:
         meaning = Meaning(meaning.text)
     text, empty = meaning
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):

@@ -215,7 +215,14 @@ SESSION_TABLE = Table(
             "Name of a property of the session, in dotted form as in session.json.",
             attrgetter("key"),
         ),
-        Column("value", "", "text", "The property's value; its unit is in the name of the key.", attrgetter("value")),
+        Column(
+            "value",
+            "",
+            "text",
+            "The property's value; its unit is in the name of the key.",
+            attrgetter("value"),
+            empty="Not recorded, or nothing was entered.",
+        ),
     ),
 )
 

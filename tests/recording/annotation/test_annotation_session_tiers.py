@@ -264,7 +264,7 @@ def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path)
     ]
     measures = measure(read_facts(session))
     assert measures.of("goals") == {"cancelled": 1, "failed": 1, "unfinished": 1}
-    assert measures["navigating_s"] == pytest.approx(14.99 + 4.0)
+    assert measures["navigating_s"] == pytest.approx(5.0 + 4.0)
 
 
 @dataclass(frozen=True, slots=True)

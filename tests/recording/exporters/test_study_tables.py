@@ -102,6 +102,12 @@ def test_each_table_has_the_rows_of_all_sessions(out: Path) -> None:
     assert [row["llm_exchanges"] for row in _rows(out, "measures")] == [1, 1]
 
 
+def test_the_name_of_a_folder_changes_nothing(study: Path, out: Path, tmp_path: Path) -> None:
+    # DuckDB would read brackets as a pattern, and the condition of all sessions from condition=Z.
+    (again,) = _export(study, tmp_path / "Study [2026]" / "condition=Z").written
+    assert _rows(again, "measures") == _rows(out, "measures")
+
+
 def test_a_damaged_session_is_named_and_the_rest_goes_on(exported: ExportFinished) -> None:
     (problem,) = exported.problems
     assert "zz damaged" in problem

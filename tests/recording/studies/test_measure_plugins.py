@@ -118,6 +118,24 @@ def test_one_that_fails_is_named_and_costs_only_itself(
     assert not any(row.get("turns") for row in made.measures)
 
 
+_OWN_ERROR = """
+
+class NoGaze(OSError):
+    def __init__(self, session, why):
+        super().__init__(f"{session.folder.name} has no gaze: {why}")
+"""
+
+
+def test_one_with_an_error_of_its_own_is_named_and_not_run_in_this_process(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = source("raise NoGaze(session, 'no glasses')") + _OWN_ERROR
+    install(tmp_path / "packages", "measures", "turns", module, monkeypatch)
+    made = statistics(study)
+    assert made.problems == tuple(f"{name}: turns: {name} has no gaze: no glasses" for name in ("one", "two"))
+    assert "lab_turns" not in sys.modules
+
+
 def test_a_name_of_the_program_cannot_be_replaced(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path / "packages", "measures", "gaps", source("return 7"), monkeypatch)
     made = statistics(study)

@@ -297,6 +297,40 @@ def test_driving(tmp_path: Path) -> None:
     assert [stretch.label for stretch in measures.navigation] == ["reached", "unfinished"]
 
 
+def test_a_pause_is_no_part_of_any_measure(tmp_path: Path) -> None:
+    goal = Pose2D(1.0, 2.0, 0.0)
+    values = [
+        odometry(1.0, 0.0, 0.0),
+        odometry(2.0, 1.0, 0.0),
+        odometry(19.0, 1.0, 0.0),
+        # Carried back to its start for the next participant, in a pause.
+        odometry(81.0, 9.0, 0.0),
+        odometry(82.0, 9.5, 0.0),
+        LinkChanged(at(0.0), "control", "connected", "ws"),
+        LinkChanged(at(15.0), "control", "lost", "ws"),
+        GuardChanged(at(0.0), "clear"),
+        GuardChanged(at(18.0), "overridden"),
+        GoalChanged(at(10.0), "g1", "requested", goal),
+        RecordingPaused(at(20.0), True),
+        GoalChanged(at(80.0), "g1", "reached", goal),
+        LinkChanged(at(80.0), "control", "connected", "ws"),
+        GuardChanged(at(80.0), "clear"),
+        RecordingPaused(at(80.0), False),
+    ]
+    session = open_session(tell(tmp_path / "s", values, lasts_s=100.0))
+    measures = measure(read_facts(session))
+    assert (measures["recorded_s"], measures["paused_s"]) == (40.0, 60.0)
+    assert measures["distance_m"] == pytest.approx(1.5)
+    assert measures["navigating_s"] == pytest.approx(10.0)
+    assert measures["link_trouble_s"] == pytest.approx(5.0)
+    assert measures.of("guard_s") == pytest.approx({"clear": 38.0, "overridden": 2.0})
+    document = session_tiers(session)
+    shown = {
+        tier.name: [(one.start_ms, one.end_ms) for one in document.of_tier(tier.tier_id)] for tier in document.tiers
+    }
+    assert (shown["Link trouble"], shown["Obstacle guard"]) == ([(15_000, 20_000)], [(18_000, 20_000)])
+
+
 def test_goals_that_overlap_count_once(tmp_path: Path) -> None:
     goal = Pose2D(1.0, 2.0, 0.0)
     spans = [("g1", 0.0, 4.0), ("g2", 1.0, 2.0), ("g3", 3.0, 6.0)]

@@ -197,7 +197,12 @@ def test_results_are_files_to_continue_from(made: StudyStatistics) -> None:
         assert [row["purpose"] for row in csv.DictReader(file)] == ["", "", "", "practice"]
     with (made.out / "labels.csv").open(encoding="utf-8", newline="") as file:
         labels = list(csv.DictReader(file))
-    assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
+    counting = [row for row in made.measures if row["purpose"] != "practice"]
+    assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in counting)
+    for name in ("models", "model_functions"):
+        with (made.out / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            asked = sum(int(row["asked"]) for row in csv.DictReader(file))
+        assert asked == sum(row["llm_exchanges"] for row in counting), name
     with (made.out / "codebook.csv").open(encoding="utf-8", newline="") as file:
         codebook = list(csv.DictReader(file))
     assert [row["column"] for row in codebook if row["table"] == "measures"] == [figure.name for figure in MEASURES]
@@ -230,6 +235,13 @@ def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.Mo
     study_rows = [row for row in made.summary if row.condition is None]
     assert found == (len(study_rows), sum(row.n for row in study_rows))
     assert spoken == (sum(row["robot_utterances"] + (row["participant_utterances"] or 0) for row in made.measures),)
+
+
+@pytest.mark.parametrize("name", ["Study [2026]", "condition=Z", "a*b?", "it's"])
+def test_the_name_of_a_folder_changes_nothing(name: str, study: Path, tmp_path: Path, made: StudyStatistics) -> None:
+    # DuckDB would read brackets and stars as patterns, and a condition from condition=Z.
+    again = study_statistics(study, tmp_path / name)
+    assert (again.measures, again.summary) == (made.measures, made.summary)
 
 
 def test_a_study_in_which_nothing_happened_has_statistics_too(tmp_path: Path) -> None:
