@@ -12,7 +12,7 @@ from itertools import accumulate, chain
 from typing import Any
 
 from PySide6.QtCore import QModelIndex, QRect, QRectF, QSize, QStringListModel, Qt
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QPainter
+from PySide6.QtGui import QKeyEvent, QPainter
 from PySide6.QtWidgets import QLineEdit, QListView, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -354,29 +354,17 @@ class _PaletteField(QLineEdit):
     def __init__(self, palette: CommandPalette) -> None:
         super().__init__()
         self._owner = palette
-        self._enter_down = False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down):
             self._owner.list.move_by(1 if event.key() == Qt.Key.Key_Down else -1)
         elif event.key() in _ENTER:
-            # One Enter per key press: Qt does not always mark auto-repeat.
-            if not self._enter_down:
-                self._enter_down = True
+            if not event.isAutoRepeat():
                 self._owner.choose(self._owner.list.current)
         else:
             digit = _digit_of(event)
             if not digit or event.isAutoRepeat() or not self._owner.takes_digit(digit):
                 super().keyPressEvent(event)
-
-    def keyReleaseEvent(self, event: QKeyEvent) -> None:
-        if event.key() in _ENTER and not event.isAutoRepeat():
-            self._enter_down = False
-        super().keyReleaseEvent(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        self._enter_down = False
-        super().focusOutEvent(event)
 
 
 def _digit_of(event: QKeyEvent) -> str:
