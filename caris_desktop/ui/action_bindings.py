@@ -486,5 +486,11 @@ class Actions(QObject):
         return () if spec is None else (self._key_text(spec, driving=False), self._key_text(spec, driving=True))
 
     def _key_text(self, spec: ActionSpec, *, driving: bool) -> str:
-        keys = spec.driving_keys if driving and spec.driving_keys else spec.keys
+        own = [key for key in spec.driving_keys if spec.by_position or not self._moves(key)] if driving else []
+        keys = own or spec.keys
         return " · ".join(self.caps(spec, keys if spec.intent is say_phrase else keys[:1]))
+
+    def _moves(self, key: str) -> bool:
+        """Whether the current layout types this letter at the position of a drive key, which comes first."""
+        letter, rows = key.removeprefix("Shift+"), (row for row in self.specs if row.by_position)
+        return any(self._letters.get(position, "") == letter for row in rows for position in row.driving_keys)

@@ -690,20 +690,20 @@ class DriveInputFilter(QObject):
         self._actions.use_letters({**self._actions.letters, position: chr(key)})
 
     def _did_by_position(self, identity: int, code: int | None, event: QKeyEvent) -> bool:
-        """Run a command by key position, for layouts without Latin letters where no key gives Ctrl+K. Qt tries the
-        other installed layouts first; this is reached only if none matches.
+        """Run the command of another key that was meant (``_meant_key``). Qt tries the other installed layouts first;
+        this is reached only if none matches.
         """
-        position, key = position_of(sys.platform, code), int(event.key())
         chord = event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.ControlModifier
         bare = self._actions.driving_focus and not event.modifiers() & CHORD_MODIFIERS
         bare = bare and not self._nowhere.isActive() and self._question is None
         if self.captures is not None and self._takes_keys():
             return False
-        if position is None or not 0x80 <= key < int(Qt.Key.Key_Escape) or not (chord or bare):
+        key = _meant_key(position_of(sys.platform, code), event)
+        if key is None or not (chord or bare):
             return False
         meant = QKeyEvent(
-            event.type(), ord(position), event.modifiers(), event.nativeScanCode(), event.nativeVirtualKey(),
-            event.nativeModifiers(), "" if chord else position, event.isAutoRepeat(),
+            event.type(), key, event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier, event.nativeScanCode(),
+            event.nativeVirtualKey(), event.nativeModifiers(), "", event.isAutoRepeat(),
         )  # fmt: skip
         if bare and self._hold_for(code, meant) is not None:
             return False  # driving already goes by position
@@ -932,6 +932,20 @@ def _come_first(events: QObject, app: QApplication) -> None:
     """
     app.removeEventFilter(events)
     app.installEventFilter(events)
+
+
+def _meant_key(position: str | None, event: QKeyEvent) -> int | None:
+    """Key with the wizard's command: Return for the Enter key of the number pad, and the one at this position where the
+    layout has no Latin letters, or types a digit only with Shift (Ctrl with the first digit of AZERTY is Ctrl+&).
+    """
+    key = int(event.key())
+    if key == Qt.Key.Key_Enter:
+        return int(Qt.Key.Key_Return)
+    if position is None or not 0x20 < key < int(Qt.Key.Key_Escape):
+        return None
+    shift = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+    other_digit = position.isdecimal() and key < 0x80 and not chr(key).isdecimal() and not shift
+    return ord(position) if key >= 0x80 or other_digit else None
 
 
 def _is_completion(popup: QWidget) -> bool:
