@@ -345,7 +345,7 @@ class Actions(QObject):
         if action is None:
             action = QAction(self)
             action.setAutoRepeat(False)
-            action.triggered.connect(self._runner(spec.id, opens=any("+" in key for key in spec.keys)))
+            action.triggered.connect(self._runner(spec.id))
             self._window.addAction(action)
         keys = [QKeySequence(key) for key in spec.keys]
         if action.text() != spec.text:
@@ -382,15 +382,17 @@ class Actions(QObject):
                     shortcut.activated.connect(self._runner(spec.id, opens=False))
                     self._panel_shortcuts.append(shortcut)
 
-    def _runner(self, action_id: str, *, opens: bool) -> Callable[[], None]:
+    def _runner(self, action_id: str, *, opens: bool | None = None) -> Callable[[], None]:
         return lambda: self.press(action_id, opens=opens)
 
-    def press(self, action_id: str, *, opens: bool = False) -> None:
-        """Run the action for a key press and report a refusal. ``opens``: following keystrokes may belong to what the
-        action would have opened; true for chords, false for single keys.
+    def press(self, action_id: str, *, opens: bool | None = None) -> None:
+        """Run the action for a key, button or palette item and report a refusal. ``opens``: following keystrokes may
+        belong to what the action would have opened; by default true if its key is a chord, false for a single key.
         """
         if reason := self.run(action_id):
-            self.not_done.emit(reason, opens)
+            spec = self._specs.get(action_id)
+            chord = spec is not None and any("+" in key for key in spec.keys)
+            self.not_done.emit(reason, chord if opens is None else opens)
 
     def run(self, action_id: str) -> str:
         """Run the action if the scenario has it and it is available; returns the reason if it was not run."""

@@ -541,6 +541,37 @@ def test_a_refused_key_is_reported_and_types_nowhere(
 
 
 @pytest.mark.panels("video", "speak", "people")
+def test_an_act_that_cannot_be_done_says_so_by_palette_and_gamepad_too(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    nobody_in_view(console)
+    field = find(window, "speak_field")
+    field.setFocus()
+    console.calls.clear()
+    window.show_command_palette()
+    QTest.keyClicks(focused(), "name the nearest")
+    QTest.keyClick(focused(), Qt.Key.Key_Return)
+    assert "Nobody" in hint_in(window)
+    type_on("Mara Wade")
+    assert field.property("plainText") == "" and asked(console) == []
+    QTest.keyClick(focused(), Qt.Key.Key_Escape)
+    assert hint_in(window) == ""
+    window.hold._on_gamepad_button("name_person")
+    assert "Nobody" in hint_in(window)
+    type_on("Hello")
+    assert console.named("say") == [("Hello", "typed")], "the hands on a gamepad did not mean to type"
+
+
+def test_a_panel_opened_by_the_menu_has_the_keys_in_its_main_field(tabbed: tuple[MainWindow, FakeConsole]) -> None:
+    window, _console = tabbed
+    find(window, "speak_field").setFocus()
+    for name in ("assistant", "notes"):
+        window.board.set_open(name, True)
+        QApplication.processEvents()
+        assert focused() is window.panels[name].focus_target()
+
+
+@pytest.mark.panels("video", "speak", "people")
 def test_a_key_that_drives_stays_with_driving_when_an_act_cannot_be_done(
     window: MainWindow, console: FakeConsole
 ) -> None:

@@ -379,7 +379,7 @@ class DriveInputFilter(QObject):
         down = self._keys.function_key_down()
         action_id = None if down is None or down[1] in self._owned else self._bindings.function_key(down[0])
         if action_id is not None:
-            self._actions.run(action_id)
+            self._actions.press(action_id, opens=False)
         else:
             self.close_refused.emit()
         return True
@@ -830,7 +830,7 @@ class DriveInputFilter(QObject):
         elif action_id == "emergency_stop":
             self._emergency_stop()
         else:
-            self._actions.run(action_id)
+            self._actions.press(action_id, opens=False)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop or not drive.allowed:

@@ -162,9 +162,9 @@ class ActionButton(QAbstractButton):
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 
     def bind(self, actions: Actions, action_id: str) -> None:
-        """Run an action of the table on click, and follow its key, name and availability."""
+        """Run an action of the table on click, say a refusal, and follow its key, name and availability."""
         self._bound = actions, action_id
-        self.clicked.connect(lambda: actions.run(action_id))
+        self.clicked.connect(lambda: actions.press(action_id))
         for change in (actions.keys_changed, actions.availability_changed, actions.rebuilt):
             change.connect(self._follow_action)
         self._follow_action()
