@@ -345,7 +345,7 @@ class Actions(QObject):
         if action is None:
             action = QAction(self)
             action.setAutoRepeat(False)
-            action.triggered.connect(self._runner(spec.id, opens=any("+" in key for key in spec.keys)))
+            action.triggered.connect(self._runner(spec.id))
             self._window.addAction(action)
         keys = [QKeySequence(key) for key in spec.keys]
         if action.text() != spec.text:
@@ -382,15 +382,17 @@ class Actions(QObject):
                     shortcut.activated.connect(self._runner(spec.id, opens=False))
                     self._panel_shortcuts.append(shortcut)
 
-    def _runner(self, action_id: str, *, opens: bool) -> Callable[[], None]:
+    def _runner(self, action_id: str, *, opens: bool | None = None) -> Callable[[], None]:
         return lambda: self.press(action_id, opens=opens)
 
-    def press(self, action_id: str, *, opens: bool = False) -> None:
-        """Run the action for a key press and report a refusal. ``opens``: following keystrokes may belong to what the
-        action would have opened; true for chords, false for single keys.
+    def press(self, action_id: str, *, opens: bool | None = None) -> None:
+        """Run the action for a key, button or palette item and report a refusal. ``opens``: following keystrokes may
+        belong to what the action would have opened; by default true if its key is a chord, false for a single key.
         """
         if reason := self.run(action_id):
-            self.not_done.emit(reason, opens)
+            spec = self._specs.get(action_id)
+            chord = spec is not None and any("+" in key for key in spec.keys)
+            self.not_done.emit(reason, chord if opens is None else opens)
 
     def run(self, action_id: str) -> str:
         """Run the action if the scenario has it and it is available; returns the reason if it was not run."""
@@ -486,5 +488,11 @@ class Actions(QObject):
         return () if spec is None else (self._key_text(spec, driving=False), self._key_text(spec, driving=True))
 
     def _key_text(self, spec: ActionSpec, *, driving: bool) -> str:
-        keys = spec.driving_keys if driving and spec.driving_keys else spec.keys
+        own = [key for key in spec.driving_keys if spec.by_position or not self._moves(key)] if driving else []
+        keys = own or spec.keys
         return " · ".join(self.caps(spec, keys if spec.intent is say_phrase else keys[:1]))
+
+    def _moves(self, key: str) -> bool:
+        """Whether the current layout types this letter at the position of a drive key, which comes first."""
+        letter, rows = key.removeprefix("Shift+"), (row for row in self.specs if row.by_position)
+        return any(self._letters.get(position, "") == letter for row in rows for position in row.driving_keys)

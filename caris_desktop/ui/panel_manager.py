@@ -303,7 +303,7 @@ class PanelManager(QObject):
 
     def set_open(self, name: PanelName, opened: bool) -> None:
         """Open or close the panel after the menu has closed, so that size and focus can be set."""
-        QTimer.singleShot(0, self, partial(self.open if opened else self.close, name))
+        QTimer.singleShot(0, self, partial(self.open_and_focus if opened else self.close, name))
 
     def open_and_focus(self, name: PanelName) -> None:
         self.open(name)

@@ -314,7 +314,8 @@ class ProtocolStrip(Bar, QWidget):
     ) -> ActionButton:  # fmt: skip
         button = ActionButton(
             self._theme, icon=icon, role="ghost" if ghost else "plain", height_px=_BUTTON_PX,
-            text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink, objectName=f"strip_{name}",
+            text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink, once=True,
+            objectName=f"strip_{name}",
         )  # fmt: skip
         if action_id:
             button.bind(self._actions, action_id)

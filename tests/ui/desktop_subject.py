@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, QRect, Qt, QTimer
-from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QPushButton, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.scenario.scenario_model import panels_in
@@ -48,6 +48,9 @@ class Subject(StdinCommands):
         self.line.setCompleter(QCompleter(["hello", "help"], self.line))
         self.line.setGeometry(500, 340, 120, 30)
         self.line.hide()
+        self.button = QPushButton(self.window)
+        self.button.setGeometry(500, 380, 120, 30)
+        self.button.hide()
         self.pad: VirtualGamepad | None = None
         self._told = 0
         self._shown: dict[str, object] = {}
@@ -114,6 +117,7 @@ class Subject(StdinCommands):
         if self.window.layout_keeper.is_own:
             self.window.layout_keeper.revert()
         self.line.hide()
+        self.button.hide()
         self.line.clear()
         self.field.clear()
         self.console.clear_emergency_stop()
@@ -161,6 +165,14 @@ class Subject(StdinCommands):
         self.combo.show()
         self.combo.raise_()
         self.combo.showPopup()
+
+    def do_count_presses(self) -> None:
+        """Focus a button as by Tab, and print how often it was pressed at each release."""
+        presses: list[None] = []
+        self.button.pressed.connect(lambda: presses.append(None))
+        self.button.clicked.connect(lambda: print("CLICKED", len(presses), flush=True))
+        self.button.show()
+        self.button.setFocus(Qt.FocusReason.TabFocusReason)
 
     def do_completer(self) -> None:
         self.line.show()

@@ -113,6 +113,39 @@ def test_a_held_key_repeats_nothing(desktop: Desktop) -> None:
     assert len(desktop.intents("say")) == 2
 
 
+def test_a_held_key_repeats_only_where_it_was_pressed(desktop: Desktop) -> None:
+    desktop.do("key", "ctrl+l")
+    desktop.expect("KEYS typing")
+    desktop.do("type", "draft")
+    desktop.expect("TEXT ('draft', 5)")
+    desktop.do("key", "ctrl+d")
+    desktop.expect("KEYS driving")
+    desktop.do("keydown", "Return", "sleep", "1.0", "keyup", "Return")  # go to the field
+    desktop.expect("KEYS typing")
+    desktop.do("key", "x")
+    desktop.expect("TEXT ('draftx', 6)")
+    assert not desktop.intents("say")
+    desktop.do("keydown", "Return")
+    desktop.expect("say ('draftx'")
+    desktop.send_command("dialog")
+    desktop.expect("DIALOG True")
+    desktop.do("sleep", "1.0", "keyup", "Return")
+    desktop.do("keydown", "x", "sleep", "0.2", "keyup", "x", "key", "Escape")
+    desktop.expect("DIALOG False")
+    assert not desktop.intents("start_session")
+
+
+def test_qt_is_told_which_presses_are_repeats(desktop: Desktop) -> None:
+    """Otherwise a button held by Space is pressed thirty times a second, and a list confirms each."""
+    desktop.send_command("count_presses")
+    desktop.expect("KEYS window")
+    desktop.do("keydown", "space", "sleep", "1.0", "keyup", "space")
+    desktop.expect("CLICKED 1")
+    desktop.do("keydown", "Return", "sleep", "1.0", "keyup", "Return")
+    desktop.do("key", "space")
+    desktop.expect("CLICKED 2")
+
+
 def test_driving_and_typing_do_not_get_into_each_other(desktop: Desktop) -> None:
     desktop.do("key", "Return")  # focus to the Speak field
     desktop.expect("KEYS typing")

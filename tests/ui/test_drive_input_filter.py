@@ -685,3 +685,56 @@ def test_chords_work_by_position_where_the_layout_has_no_latin_letters(
     press(33, 0x417, BARE, "з")  # P
     assert console.named("take_photo")
     assert not console.named("drive")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+def test_ctrl_with_a_digit_key_counts_where_the_layout_types_a_digit_only_with_shift(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    refused: list[str] = []
+    window.actions_table.not_done.connect(lambda reason, _opens: refused.append(reason))
+    for scan_code, key in ((10, Qt.Key.Key_Ampersand), (11, Qt.Key.Key_Eacute), (12, Qt.Key.Key_QuoteDbl)):  # AZERTY
+        send(field, QEvent.Type.KeyPress, key, CTRL, scan_code=scan_code)
+        send(field, QEvent.Type.KeyRelease, key, CTRL, scan_code=scan_code)
+    assert refused == ["This suggestion is not available now."] * 3
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
+def test_a_slash_on_a_digit_key_goes_to_no_place(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    """On many keyboards the slash, which opens Find anything, is Shift+7."""
+    places = tuple(Place(f"Place {number}", Pose2D(1, 1, 0)) for number in range(1, 10))
+    console.scenario = dataclasses.replace(console.scenario, places=places)
+    console.state.places.set(places)
+    console.state.scenario.set(console.scenario)
+    shift = Qt.KeyboardModifier.ShiftModifier
+    send(view, QEvent.Type.KeyPress, Qt.Key.Key_Slash, shift, text="/", scan_code=16)
+    send(view, QEvent.Type.KeyRelease, Qt.Key.Key_Slash, shift, scan_code=16)
+    assert not console.named("go_to_place")
+    send(view, QEvent.Type.KeyPress, Qt.Key.Key_7, shift, text="7", scan_code=16)  # AZERTY
+    assert console.named("go_to_place") == ["Place 7"]
+
+
+def test_a_key_cap_names_no_key_that_drives_in_this_layout(
+    window: MainWindow, view: QWidget, console: FakeConsole
+) -> None:
+    """On QWERTZ, Y is the key that moves sideways."""
+    table = window.actions_table
+    console.state.robot.set(RobotProfile("omni", "Omni", limits=MotionLimits(left_mps=0.3)))
+    assert table.key_text("answer_yes") == "Y"
+    table.use_letters({"Z": "Y", "Y": "Z"})
+    assert table.key_text("strafe_left") == "Y"
+    assert table.key_text("answer_yes") == "Ctrl Enter" and table.key_text("answer_no") == "⇧Ctrl Enter"
+
+
+def test_enter_of_the_number_pad_is_enter(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
+    refused: list[str] = []
+    window.actions_table.not_done.connect(lambda reason, _opens: refused.append(reason))
+    pad = Qt.KeyboardModifier.KeypadModifier
+    QTest.keyClick(view, Qt.Key.Key_Enter, pad | CTRL)
+    assert refused == ["No question is pending."]
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_Escape)
+    QTest.keyClick(view, Qt.Key.Key_Enter, pad)
+    assert find(window, "speak_field").hasFocus()

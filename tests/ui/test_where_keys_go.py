@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 import shiboken6
-from PySide6.QtCore import QEvent, QPoint, Qt, QTimer
-from PySide6.QtGui import QDesktopServices, QKeyEvent, QKeySequence
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
+from PySide6.QtGui import QDesktopServices, QKeyEvent, QKeySequence, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -541,6 +541,37 @@ def test_a_refused_key_is_reported_and_types_nowhere(
 
 
 @pytest.mark.panels("video", "speak", "people")
+def test_an_act_that_cannot_be_done_says_so_by_palette_and_gamepad_too(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    nobody_in_view(console)
+    field = find(window, "speak_field")
+    field.setFocus()
+    console.calls.clear()
+    window.show_command_palette()
+    QTest.keyClicks(focused(), "name the nearest")
+    QTest.keyClick(focused(), Qt.Key.Key_Return)
+    assert "Nobody" in hint_in(window)
+    type_on("Mara Wade")
+    assert field.property("plainText") == "" and asked(console) == []
+    QTest.keyClick(focused(), Qt.Key.Key_Escape)
+    assert hint_in(window) == ""
+    window.hold._on_gamepad_button("name_person")
+    assert "Nobody" in hint_in(window)
+    type_on("Hello")
+    assert console.named("say") == [("Hello", "typed")], "the hands on a gamepad did not mean to type"
+
+
+def test_a_panel_opened_by_the_menu_has_the_keys_in_its_main_field(tabbed: tuple[MainWindow, FakeConsole]) -> None:
+    window, _console = tabbed
+    find(window, "speak_field").setFocus()
+    for name in ("assistant", "notes"):
+        window.board.set_open(name, True)
+        QApplication.processEvents()
+        assert focused() is window.panels[name].focus_target()
+
+
+@pytest.mark.panels("video", "speak", "people")
 def test_a_key_that_drives_stays_with_driving_when_an_act_cannot_be_done(
     window: MainWindow, console: FakeConsole
 ) -> None:
@@ -605,6 +636,43 @@ def test_a_bare_key_opens_the_microphone_only_when_it_is_held(
     assert not window.hold._about_to_talk, "the panel in which it was pressed lost the keys"
     QTest.keyRelease(focused(), Qt.Key.Key_T, modifiers)
     assert len(console.named("push_to_talk")) == 2
+
+
+# ---- the wheel
+
+
+@pytest.mark.timeout(120)
+def test_the_wheel_changes_nothing_that_the_pointer_only_rests_on(theme: Theme) -> None:
+    """Tabs, too: a panel that is hidden loses what is typed next."""
+
+    def value(part: QWidget) -> int:
+        return part.value() if isinstance(part, QSlider) else part.currentIndex()  # type: ignore[attr-defined]
+
+    kinds = (QSlider, QComboBox, QTabBar)
+    opened = EveryWindow(theme, ENGLISH)
+    turned: set[type[QWidget]] = set()
+    try:
+        for seen in opened.seen(with_what_is_beside=True):
+            for part in [part for part in window_of(seen.part).findChildren(QWidget) if isinstance(part, kinds)]:
+                if not (part.isVisible() and part.isEnabled()):
+                    continue
+                before = value(part)
+                for turn in (120, -120):
+                    turn_wheel(part, turn)
+                    assert value(part) == before, f"{seen.name}: {name_of_part(part)}"
+                turned.update(kind for kind in kinds if isinstance(part, kind))
+    finally:
+        opened.close()
+    assert turned == set(kinds)
+
+
+def turn_wheel(widget: QWidget, turn: int) -> None:
+    at = QPointF(widget.rect().center())
+    wheel = QWheelEvent(
+        at, QPointF(widget.mapToGlobal(widget.rect().center())), QPoint(), QPoint(0, turn),
+        Qt.MouseButton.NoButton, NONE, Qt.ScrollPhase.NoScrollPhase, False,
+    )  # fmt: skip
+    QApplication.sendEvent(widget, wheel)
 
 
 # ---- generated: every other window, and every shortcut

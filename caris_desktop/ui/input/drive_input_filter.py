@@ -34,6 +34,8 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMenu,
     QPlainTextEdit,
+    QSlider,
+    QTabBar,
     QTextEdit,
     QWidget,
 )
@@ -88,9 +90,14 @@ _MODIFIER_KEYS = (
 )  # fmt: skip
 _CTRL_SHIFT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
 _PRESSING_KEYS = (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Select)
+_MOVING_KEYS = (
+    Qt.Key.Key_Tab, Qt.Key.Key_Backtab, Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_Left, Qt.Key.Key_Right,
+)  # fmt: skip
 _BY_TAB = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
 _COMES_BACK = (Qt.FocusReason.ActiveWindowFocusReason, Qt.FocusReason.PopupFocusReason)
-_TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
+_MULTI_LINE_INPUTS = (QPlainTextEdit, QTextEdit)
+_TEXT_INPUTS = (QLineEdit, QAbstractSpinBox, *_MULTI_LINE_INPUTS)
+_CHANGED_BY_WHEEL = (QAbstractSpinBox, QComboBox, QSlider, QTabBar)
 # In a list or combo box, letters search for entries and arrows move the selection.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
 
@@ -142,6 +149,8 @@ class DriveInputFilter(QObject):
         self.captures: Callable[[PressedKey], None] | None = None
         """While there is one, it gets every key but Esc and Pause, which does nothing else."""
         self._owned: dict[int, Hold | None] = {}
+        self._pressed_in: dict[int, QWidget | None] = {}
+        """By key: the widget that had the focus at its press."""
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape = _NEVER
         self._keys = PhysicalKeys()
@@ -251,9 +260,14 @@ class DriveInputFilter(QObject):
             if not isinstance(event, QKeyEvent):
                 return False
             pressed = kind == QEvent.Type.KeyPress
-            return self._filter_key(event) or (pressed and self._blocks_button_key(watched, event))
+            if self._filter_key(event) or (pressed and self._blocks_button_key(watched, event)):
+                return True
+            return pressed and self._marks_repeat(watched, event)
         if kind == QEvent.Type.MouseButtonPress:
             return isinstance(event, QMouseEvent) and self._filter_press(watched, event)
+        if kind == QEvent.Type.Wheel and isinstance(watched, _CHANGED_BY_WHEEL):
+            event.ignore()  # the pointer only rests there; the area around it scrolls
+            return True
         if kind == QEvent.Type.FocusIn and isinstance(event, QFocusEvent) and isinstance(watched, QWidget):
             return self._filter_focus(watched, event.reason())
         if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
@@ -365,7 +379,7 @@ class DriveInputFilter(QObject):
         down = self._keys.function_key_down()
         action_id = None if down is None or down[1] in self._owned else self._bindings.function_key(down[0])
         if action_id is not None:
-            self._actions.run(action_id)
+            self._actions.press(action_id, opens=False)
         else:
             self.close_refused.emit()
         return True
@@ -414,6 +428,9 @@ class DriveInputFilter(QObject):
         if identity in self._owned and (repeated or self.motion.moves_by(identity)):
             event.accept()
             return True
+        if self._is_stray_repeat(identity, event, repeated=repeated):
+            event.accept()
+            return True
         self._learn_letter(code, event)
         if self.captures is not None and key not in _MODIFIER_KEYS and self._takes_keys():
             event.accept()
@@ -452,6 +469,39 @@ class DriveInputFilter(QObject):
         if event.type() == QEvent.Type.KeyPress and not repeated:
             self._alt_drove = bool(event.modifiers() & Qt.KeyboardModifier.AltModifier)
             self._on_press(identity, hold)
+        return True
+
+    def _is_stray_repeat(self, identity: int, event: QKeyEvent, *, repeated: bool) -> bool:
+        """Whether a held key repeats in another widget than it was pressed in, or would press or confirm once more.
+
+        Tab and the arrows may move on.
+        """
+        popup = self._app.activePopupWidget()
+        target = focused_widget() if popup is None or _is_completion(popup) else popup
+        if not repeated:
+            if event.type() == QEvent.Type.ShortcutOverride:  # the first event of a press
+                self._pressed_in[identity] = target
+            else:
+                self._pressed_in.setdefault(identity, target)
+            return False
+        if self._pressed_in.get(identity, target) is not target:
+            return event.key() not in _MOVING_KEYS
+        types = _TEXT_INPUTS if event.key() == Qt.Key.Key_Space else _MULTI_LINE_INPUTS
+        return event.key() in _PRESSING_KEYS and not isinstance(target, types)
+
+    def _marks_repeat(self, watched: QObject, event: QKeyEvent) -> bool:
+        """Replace an auto-repeat that Qt took for a press by a marked one; returns whether it did. On X11 that is every
+        repeat, because the X server sends no releases in between.
+        """
+        if event.isAutoRepeat() or not self._keys.repeated(event):
+            return False
+        marked = QKeyEvent(
+            event.type(), event.key(), event.modifiers(), event.nativeScanCode(), event.nativeVirtualKey(),
+            event.nativeModifiers(), event.text(), True,
+        )  # fmt: skip
+        marked.setTimestamp(event.timestamp())
+        QApplication.sendEvent(watched, marked)
+        event.accept()
         return True
 
     def _wants_help(self, event: QKeyEvent) -> bool:
@@ -640,20 +690,20 @@ class DriveInputFilter(QObject):
         self._actions.use_letters({**self._actions.letters, position: chr(key)})
 
     def _did_by_position(self, identity: int, code: int | None, event: QKeyEvent) -> bool:
-        """Run a command by key position, for layouts without Latin letters where no key gives Ctrl+K. Qt tries the
-        other installed layouts first; this is reached only if none matches.
+        """Run the command of another key that was meant (``_meant_key``). Qt tries the other installed layouts first;
+        this is reached only if none matches.
         """
-        position, key = position_of(sys.platform, code), int(event.key())
         chord = event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.ControlModifier
         bare = self._actions.driving_focus and not event.modifiers() & CHORD_MODIFIERS
         bare = bare and not self._nowhere.isActive() and self._question is None
         if self.captures is not None and self._takes_keys():
             return False
-        if position is None or not 0x80 <= key < int(Qt.Key.Key_Escape) or not (chord or bare):
+        key = _meant_key(position_of(sys.platform, code), event)
+        if key is None or not (chord or bare):
             return False
         meant = QKeyEvent(
-            event.type(), ord(position), event.modifiers(), event.nativeScanCode(), event.nativeVirtualKey(),
-            event.nativeModifiers(), "" if chord else position, event.isAutoRepeat(),
+            event.type(), key, event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier, event.nativeScanCode(),
+            event.nativeVirtualKey(), event.nativeModifiers(), "", event.isAutoRepeat(),
         )  # fmt: skip
         if bare and self._hold_for(code, meant) is not None:
             return False  # driving already goes by position
@@ -681,6 +731,8 @@ class DriveInputFilter(QObject):
         return False
 
     def _on_release(self, identity: int, *, repeated: bool) -> bool:
+        if not repeated:
+            self._pressed_in.pop(identity, None)
         if identity not in self._owned:
             return False
         if not repeated:
@@ -739,11 +791,9 @@ class DriveInputFilter(QObject):
     def _on_lost_key(self, code: int, time_ms: int, pressed: bool) -> None:
         """Stop for Esc and Pause that the X server sent to a window which has closed meanwhile."""
         key = self._keys.stop_key(code)
-        if key is None:
-            return
         if not pressed:
             self._keys.release(code)
-        elif not self._keys.repeats(code, time_ms):
+        elif key is not None and not self._keys.repeats(code, time_ms):
             self._on_stop_key(Qt.Key(key), pressed_ms=time_ms)
 
     def _stop(self) -> None:
@@ -780,7 +830,7 @@ class DriveInputFilter(QObject):
         elif action_id == "emergency_stop":
             self._emergency_stop()
         else:
-            self._actions.run(action_id)
+            self._actions.press(action_id, opens=False)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop or not drive.allowed:
@@ -882,6 +932,20 @@ def _come_first(events: QObject, app: QApplication) -> None:
     """
     app.removeEventFilter(events)
     app.installEventFilter(events)
+
+
+def _meant_key(position: str | None, event: QKeyEvent) -> int | None:
+    """Key with the wizard's command: Return for the Enter key of the number pad, and the one at this position where the
+    layout has no Latin letters, or types a digit only with Shift (Ctrl with the first digit of AZERTY is Ctrl+&).
+    """
+    key = int(event.key())
+    if key == Qt.Key.Key_Enter:
+        return int(Qt.Key.Key_Return)
+    if position is None or not 0x20 < key < int(Qt.Key.Key_Escape):
+        return None
+    shift = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+    other_digit = position.isdecimal() and key < 0x80 and not chr(key).isdecimal() and not shift
+    return ord(position) if key >= 0x80 or other_digit else None
 
 
 def _is_completion(popup: QWidget) -> bool:

@@ -284,6 +284,8 @@ class KeyBindings:
         modifiers = event.modifiers()
         # Letters and digits are matched by position; all other keys, and events without a code, by symbol.
         where: int | str | None = position_of(sys.platform, code)
+        if where is not None and _is_another_character(where, event):
+            where = None
         if where is None:
             where = int(event.key())
             if code is None and not modifiers & Qt.KeyboardModifier.KeypadModifier:
@@ -334,6 +336,12 @@ def _chord(text: str) -> QKeyCombination:
     # PySide's stubs lack indexing of QKeySequence.
     chord: QKeyCombination = QKeySequence(text)[0]  # type: ignore[index]
     return chord
+
+
+def _is_another_character(position: str, event: QKeyEvent) -> bool:
+    """Whether Shift turns the digit key at this position into another character, such as the slash of many layouts."""
+    shift = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+    return bool(shift) and position.isdecimal() and int(event.key()) != ord(position)
 
 
 def _is_function_key(chord: QKeyCombination) -> bool:

@@ -33,6 +33,9 @@ _KEY = "palette/used"
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
 _ALIKE = 0.75
 _LONG_ENOUGH_TO_GUESS = 4
+_LONG_ENOUGH_TO_RUN_A_GUESS = 5
+"""With one other letter, a shorter word is another word: Mara is not Mark."""
+_LEAST_OF_A_NAME = 3
 _ENOUGH = 30
 """Fuzzy matches are skipped if there are this many exact ones."""
 
@@ -175,17 +178,54 @@ class Finder:
         return [place for _far, place in far]
 
 
+def is_meant(found: Sequence[PaletteItem], query: str) -> bool:
+    """Whether Enter may run the first result. A guess needs a long word. An item that acts needs its verb or, if
+    ``by_name``, some letters of its name, and no other result may fit as well.
+    """
+    first, *others = found
+    words = f"{first.text} {first.kind} {first.also}".casefold()
+    if any(word not in words and len(word) < _LONG_ENOUGH_TO_RUN_A_GUESS for word in _meaningful(query)):
+        return False
+    if not first.acts or not says_what_to_do(first, query):
+        return says_what_to_do(first, query)
+    fit, typed = _fit(first, query), _meaningful(query)
+    if fit == 1 and _object_of(first, query) == typed and len(" ".join(typed)) < _LEAST_OF_A_NAME:
+        return False
+    rivals = (other for other in others if says_what_to_do(other, query))
+    return not any(_fit(other, query) >= (fit if other.acts else max(fit, 1)) for other in rivals)
+
+
 def says_what_to_do(entry: PaletteItem, query: str) -> bool:
     """Whether the query names what the item does, or equals its whole text."""
-    words = query.casefold().split()
-    query_words = [word for word in words if word not in _MEANS_NOTHING] or words
+    query_words = _meaningful(query)
     if not (entry.acts and entry.named):
         return True
-    if (entry.by_name and _begin_words_of(entry.named, query_words)) or " ".join(words) == entry.text.casefold():
+    if entry.by_name and _begin_words_of(entry.named, query_words):
         return True
-    names = set(_words_of(entry.named))
+    same = " ".join(query.casefold().split()) == entry.text.casefold()
+    return same or len(_object_of(entry, query)) < len(query_words)
+
+
+def _fit(entry: PaletteItem, query: str) -> int:
+    """How well the typed object fits the item: 2 for its name, 1 for the beginning of its name or of a word in it."""
+    words = _object_of(entry, query)
+    typed, names = " ".join(words), (entry.text.casefold(), entry.named.casefold())
+    if not typed:
+        return 0
+    begins = any(name.startswith(typed) for name in names) or (entry.by_name and _begin_words_of(entry.named, words))
+    return 2 if typed in names else int(begins)
+
+
+def _object_of(entry: PaletteItem, query: str) -> list[str]:
+    """Words of the query that are not words for what the item does."""
+    names = set(_words_of(entry.named or entry.text))
     verbs = [word for word in _words_of(f"{entry.text} {entry.kind} {entry.also}") if word not in names]
-    return any(len(word) > 1 and verb.startswith(word) for word in query_words for verb in verbs)
+    return [word for word in _meaningful(query) if len(word) < 2 or not any(verb.startswith(word) for verb in verbs)]
+
+
+def _meaningful(query: str) -> list[str]:
+    words = query.casefold().split()
+    return [word for word in words if word not in _MEANS_NOTHING] or words
 
 
 def _begin_words_of(name: str, query_words: Sequence[str]) -> bool:
@@ -344,10 +384,11 @@ class CommandPalette(Overlay):
         if self._new is not None and typed:
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
-        selected = bool(typed) and bool(found) and says_what_to_do(found[0], typed)
+        by_digit = bool(self._by_digit) and not typed
+        selected = bool(found) and (is_meant(found, typed) if typed else not (found[0].acts or by_digit))
         self.list.setVisible(bool(found))
         self._nothing.setHidden(bool(found))
-        self.list.show_entries(found, breaks=breaks, selected=selected, by_digit=bool(self._by_digit) and not typed)
+        self.list.show_entries(found, breaks=breaks, selected=selected)
 
 
 class _PaletteField(QLineEdit):
@@ -419,18 +460,12 @@ class _ItemList(QListView):
         row = self.currentIndex().row()
         return self.entries[row] if row >= 0 else None
 
-    def show_entries(
-        self, entries: Sequence[PaletteItem], *, breaks: Sequence[int], selected: bool, by_digit: bool
-    ) -> None:
-        """Show results. ``breaks``: indices of divider lines. ``selected``: the query names what the first item does.
-
-        ``by_digit``: while nothing is typed, digits select and Enter selects nothing.
-        """
+    def show_entries(self, entries: Sequence[PaletteItem], *, breaks: Sequence[int], selected: bool) -> None:
+        """Show results. ``breaks``: indices of divider lines. ``selected``: Enter runs the first one."""
         self.entries, self.breaks = tuple(entries), breaks
         self._spoken.setStringList([entry.spoken for entry in entries])
-        # A dangerous item is never preselected, so that a quick Enter runs neither it nor another one; an item that
-        # speaks or moves the robot is preselected only if the query names it.
-        can_be_chosen = bool(entries) and not entries[0].deliberate and (selected or not (entries[0].acts or by_digit))
+        # A dangerous item is never preselected, so that a quick Enter runs neither it nor another one.
+        can_be_chosen = selected and not entries[0].deliberate
         self._choose_row(self._spoken.index(0) if can_be_chosen else QModelIndex())
 
     def ask_again(self, entry: PaletteItem) -> None:

@@ -158,7 +158,7 @@ class PaletteEntries:
             INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
         )
         return item(
-            _SAY if is_utterance else _DO, spec.text, spec.icon, lambda: table.run(spec.id),
+            _SAY if is_utterance else _DO, spec.text, spec.icon, lambda: table.press(spec.id),
             spec.also, key=table.key_text(spec.id), acts=is_utterance or moves,
             named=spec.text if spec.intent is say_filler else spec.text.partition(": ")[2],
             common=spec.common, id=f"row {spec.id}",

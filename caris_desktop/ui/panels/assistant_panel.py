@@ -96,9 +96,9 @@ class AssistantPanel(Panel):
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = label("", "small", wraps=True, objectName="assistant_note")
-        button = partial(ActionButton, self.theme, may_shrink=True)
+        button = partial(ActionButton, self.theme, may_shrink=True, once=True)
         self._say = ActionButton(
-            self.theme, tr("Say it"), icon="speaker-high", role="primary", objectName="assistant_say",
+            self.theme, tr("Say it"), icon="speaker-high", role="primary", once=True, objectName="assistant_say",
             clicked=self._on_say,
         )  # fmt: skip
         self._edit = button(tr("Edit first"), icon="pencil-simple", objectName="assistant_edit", clicked=self._on_edit)
@@ -550,9 +550,11 @@ class _Row(QFrame):
         self._state = label("", "small")
         self._state.setFixedWidth(_STATE_PX)
         self._question = ElidedLabel(role="small")
-        self.say = ActionButton(theme, "", icon="speaker-high", role="ghost", height_px=26)
+        self.say = ActionButton(theme, "", icon="speaker-high", role="ghost", height_px=26, once=True)
         self.say.setObjectName("assistant_row_say")
-        self.away = ActionButton(theme, "", icon="x", role="ghost", height_px=26, objectName="assistant_row_away")
+        self.away = ActionButton(
+            theme, "", icon="x", role="ghost", height_px=26, once=True, objectName="assistant_row_away"
+        )
         layouts.hbox(self, self._state, (self._question, 1), self.say, self.away, margins_px=(7, 0, 1, 0), spacing_px=6)
 
     def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:

@@ -148,7 +148,7 @@ class _Card(QAbstractButton):
         self.setFixedHeight(_ROW_PX)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        self.clicked.connect(lambda: self._table.run(f"suggestion_{rank}"))
+        self.clicked.connect(lambda: self._table.press(f"suggestion_{rank}"))
 
     def show_reply(self, card: DisplayedReply | None, text: str) -> None:
         self.setText(text)

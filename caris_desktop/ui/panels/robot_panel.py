@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
     QLabel,
@@ -580,7 +580,7 @@ class _SliderFace(_TitledFace):
         self._sent: float | None = None
         self._last_use_s = float("-inf")
         self._value = label("", "note", objectName="control_value")
-        self._slider = _CalmSlider(Qt.Orientation.Horizontal)
+        self._slider = QSlider(Qt.Orientation.Horizontal)
         self._slider.setObjectName(f"control_{control.id}_slider")
         self._slider.setAccessibleName(control.title)
         self._slider.setRange(0, self._steps)
@@ -654,13 +654,6 @@ class _SliderFace(_TitledFace):
         value = self._set if self._set is not None else self._reported
         self.value_text = tr("not set yet") if value is None else value_words(self.control, value)
         self._value.setText(self.value_text)
-
-
-class _CalmSlider(QSlider):
-    """Slider that ignores the wheel: scrolling the panel must not change the robot's volume."""
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        event.ignore()
 
 
 class _ChoiceFace(_TitledFace):

@@ -201,7 +201,8 @@ class _QueueRow(QFrame):
             ("queued_earlier", "arrow-up", tr("Move earlier")), ("queued_later", "arrow-down", tr("Move later")),
             ("queued_edit", "pencil-simple", tr("Edit the text")), ("queued_cancel", "x", tr("Remove from queue")),
         ):  # fmt: skip
-            button = ActionButton(theme, icon=icon, role="ghost", height_px=26, objectName=act, toolTip=tip)
+            once = act == "queued_cancel"
+            button = ActionButton(theme, icon=icon, role="ghost", height_px=26, once=once, objectName=act, toolTip=tip)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             button.clicked.connect(lambda _checked=False, act=act: self.action_requested.emit(act))
             row.addWidget(button)
@@ -672,7 +673,9 @@ class PhraseRows(QWidget):
 
     def _new_chip(self, action_id: str) -> ActionButton:
         icon = "hand-waving" if action_id in _GESTURES else ""
-        chip = ActionButton(self._theme, icon=icon, key_first=True, height_px=32, may_shrink=True, objectName=action_id)
+        chip = ActionButton(
+            self._theme, icon=icon, key_first=True, height_px=32, may_shrink=True, once=True, objectName=action_id
+        )
         chip.bind(self._actions, action_id)
         self._flow.add(chip)
         return chip

@@ -19,7 +19,6 @@ from PySide6.QtGui import (
     QPixmap,
     QPolygonF,
     QResizeEvent,
-    QWheelEvent,
 )  # fmt: skip
 from PySide6.QtWidgets import QFrame, QLabel, QSizePolicy, QSlider, QStyle, QWidget
 
@@ -408,9 +407,6 @@ class Scrubber(QSlider):
             self.setSliderDown(False)
             if not self.rect().contains(event.position().toPoint()):
                 self._hide_preview()
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        event.ignore()
 
     def leaveEvent(self, _event: object) -> None:
         if not self.isSliderDown():

@@ -194,7 +194,8 @@ class SpeakField(QPlainTextEdit):
     def keyPressEvent(self, event: QKeyEvent) -> None:
         with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
         if event.key() in _ENTER and not with_ctrl:
-            self._send()
+            if not event.isAutoRepeat():
+                self._send()
         elif event.key() == Qt.Key.Key_Up and self._stands_in_line(first=True) and not event.modifiers() & _WITH:
             self._recall(1)
         elif event.key() == Qt.Key.Key_Down and self._stands_in_line(first=False) and not event.modifiers() & _WITH:

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any, Literal
 
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt, Signal, SignalInstance
-from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.ui import tokens
@@ -42,12 +42,14 @@ class ActionButton(QAbstractButton):
         may_shrink: bool = False,
         may_lose_words: bool = False,
         semibold: bool = False,
+        once: bool = False,
         parent: QWidget | None = None,
         clicked: Callable[..., object] | SignalInstance | None = None,
         **qt: Any,
     ) -> None:
-        """``clicked``: slot, or signal to emit. ``qt``: properties and other signals, such as objectName. Without text
-        the accessible name is the toolTip.
+        """``once``: a double click is one click, so that nothing is said twice, and the next item is not taken for this
+        one. ``clicked``: slot, or signal to emit. ``qt``: properties and other signals, such as objectName. Without
+        text the accessible name is the toolTip.
         """
         super().__init__(parent, **qt)
         if clicked is not None:
@@ -68,6 +70,7 @@ class ActionButton(QAbstractButton):
         self._may_shrink = may_shrink
         self._may_lose_words = may_lose_words
         self._semibold = semibold
+        self._once = once
         self._weight = self._weight_for(role)
         self._widths: dict[Hashable, int] = {}
         self.setText(text)
@@ -162,9 +165,9 @@ class ActionButton(QAbstractButton):
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 
     def bind(self, actions: Actions, action_id: str) -> None:
-        """Run an action of the table on click, and follow its key, name and availability."""
+        """Run an action of the table on click, say a refusal, and follow its key, name and availability."""
         self._bound = actions, action_id
-        self.clicked.connect(lambda: actions.run(action_id))
+        self.clicked.connect(lambda: actions.press(action_id))
         for change in (actions.keys_changed, actions.availability_changed, actions.rebuilt):
             change.connect(self._follow_action)
         self._follow_action()
@@ -320,6 +323,12 @@ class ActionButton(QAbstractButton):
             left += cap + 8
         if self._menu_arrow:
             draw_icon(painter, QRectF(left, center - 6, 12, 12), "caret-down", ink)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        if self._once:
+            event.accept()
+        else:
+            super().mouseDoubleClickEvent(event)
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         """Add a key that is not shown to the tooltip."""

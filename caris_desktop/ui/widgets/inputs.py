@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from PySide6.QtCore import QEvent, QRect, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFocusEvent, QFontMetricsF, QHelpEvent, QKeyEvent, QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtGui import QFocusEvent, QFontMetricsF, QHelpEvent, QKeyEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -161,7 +161,7 @@ _ARROW_PX, _BESIDE_PX = 22, 12
 
 
 class DropDown(QComboBox):
-    """A click does not take the focus from driving, and scrolling changes nothing.
+    """A click does not take the focus from driving.
 
     Long text is elided, with the whole in the tooltip; the popup list is as wide as its entries.
     """
@@ -226,9 +226,6 @@ class DropDown(QComboBox):
             QToolTip.showText(event.globalPos(), "\n".join(lines), self)
             return True
         return super().event(event)
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        event.ignore()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QStylePainter(self)

@@ -12,10 +12,11 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.control_definitions import CallService, Choice, RobotControl
+from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import LibraryStatus, LiveRobotsStatus, MapStatus, RecordingStatus
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, ProtocolStep
-from caris_desktop.scenario.scenario_model import AssistanceSettings
+from caris_desktop.scenario.scenario_model import AssistanceSettings, Place
 from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette, Finder, PaletteItem
@@ -469,6 +470,31 @@ def test_an_object_is_found_before_what_would_act_on_something_that_is_called_so
         entered(window, typed)
         assert [name for name, _ in console.calls] == [act], typed
         console.calls.clear()
+
+
+@pytest.mark.panels("video", "speak", "map")
+def test_enter_runs_nothing_that_moves_or_speaks_where_several_fit(window: MainWindow, console: FakeConsole) -> None:
+    places = tuple(Place(name, Pose2D(1, 1, 0)) for name in ("Kitchen", "Kiosk", "Video room", "Hall", "Hall 2"))
+    console.scenario = dataclasses.replace(console.scenario, places=places)
+    console.state.places.set(places)
+    console.state.scenario.set(console.scenario)
+    console.calls.clear()
+    for typed in ("k", "ki", "go ki", "vide", "say", "voice", "v"):
+        entered(window, typed)
+        acted = [name for name, _ in console.calls if name in ("go_to_place", "say", "set_voice")]
+        assert acted == [], f"{typed!r} fits several things"
+    for typed, place in (("kit", "Kitchen"), ("go v", "Video room"), ("hall", "Hall"), ("go hall", "Hall")):
+        console.calls.clear()
+        entered(window, typed)
+        assert console.named("go_to_place") == [place], typed
+
+
+@pytest.mark.panels("video", "speak", "map")
+def test_a_short_word_is_no_misspelt_one(window: MainWindow, console: FakeConsole) -> None:
+    console.calls.clear()
+    for typed in ("mara", "redo"):  # not Mark, and not video
+        entered(window, typed)
+    assert console.calls == [] and window.board.is_open("video")
 
 
 @pytest.mark.panels("video", "speak", "map")

@@ -236,6 +236,13 @@ def test_the_filler_key_shows_and_says_the_next_one(grouped: tuple[MainWindow, F
 # Queue
 
 
+def test_a_double_click_says_a_phrase_once(window: MainWindow, console: FakeConsole) -> None:
+    phrase, handle = find(window, "phrase_1"), window.windowHandle()
+    at = phrase.mapTo(window, phrase.rect().center())
+    QTest.mouseDClick(handle, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, at)
+    assert len(console.named("say")) == 1
+
+
 def test_the_queue_is_changed_by_mouse(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.state.speech.set(waiting("One.", "Two.", "Three."))
     queue = queue_of(window)
