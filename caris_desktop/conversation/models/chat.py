@@ -232,7 +232,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     began = ended = unfinished = closed = False
     read_characters = written_characters = 0
     most_characters = None if request.bounded else question.max_tokens * _CHARACTERS_PER_TOKEN
-    version = reason = ""
+    version = reason = answered_in = ""
     useless: LanguageModelError | None = None
     answers_by_s = 0.0
     part = SpokenPart(within=habits.begins_within)
@@ -264,6 +264,10 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             if ended:  # the answer is whole, whatever follows it
                                 break
                             raise
+                        if chunk.text:
+                            answered_in = answered_in or chunk.choice
+                        if chunk.choice != answered_in:
+                            chunk = replace(chunk, text="")  # another answer
                         closed = chunk.closed
                         unfinished = unfinished or chunk.unfinished
                         # If the server marks finished answers, closing the stream without a mark means an unfinished

@@ -218,6 +218,9 @@ def test_text_that_only_resembles_a_mark_is_spoken() -> None:
         [{"choices": [{"message": {"role": "assistant", "content": ANSWER}, "finish_reason": "stop"}]}],
         [chunk({"content": "The lab "}), {"choices": [{"index": 1, "delta": {"content": "Another."}}]},
          chunk({"content": "closes at six."}), {"choices": [{"index": 1, "delta": {}, "finish_reason": "stop"}]}, STOP],
+        [chunk({"content": "The lab "}), {"choices": [{"delta": {"content": "closes at six."}}]}, STOP],
+        # As LiteLLM numbers what follows the reasoning
+        [chunk({"reasoning_content": SECRET}), {"choices": [{"index": 1, "delta": {"content": ANSWER}}]}, STOP],
         [chunk({"content": [{"type": "text", "text": SECRET, "thought": True}]}), chunk({"content": ANSWER}), STOP],
         [chunk({"thinking": SECRET}), chunk({"reasoning_text": SECRET}), chunk({"content": ANSWER}), STOP],
         # Each piece is marked as the end, or with a reason that is none.
