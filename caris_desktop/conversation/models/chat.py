@@ -297,7 +297,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         notes.reasoned = notes.reasoned or part.reasoned
                         if ended:
                             # Some servers mark each piece as the end.
-                            deadline_s = loop.time() + _DRAINED_WITHIN_S
+                            deadline_s = min(deadline_s, loop.time() + _DRAINED_WITHIN_S)
                         elif began and not written_characters:
                             deadline_s = min(deadline_s, answers_by_s)
                         if most_characters is not None and written_characters >= most_characters and not ended:

@@ -24,6 +24,7 @@ from tests.conversation.models.served import (
     QUESTION,
     SSE_HEAD,
     Served,
+    ask,
     refused,
     sends,
     serving,
@@ -257,6 +258,17 @@ def test_an_answer_that_comes_at_once_is_taken(indent: int | None) -> None:
     candidates = [{"content": {"parts": [{"text": part}]}} for part in ("The lab ", "closes at six.")]
     listed = [{"candidates": [candidates[0]]}, {"candidates": [{**candidates[1], "finishReason": "STOP"}]}]
     assert asked(lambda _body: whole(json.dumps(listed, indent=indent).encode()), provider="gemini")[0] == [ANSWER]
+
+
+def test_a_server_that_goes_on_after_the_end_is_left() -> None:
+    async def goes_on(writer: asyncio.StreamWriter) -> None:
+        writer.write(SSE_HEAD + event(chunk({"content": ANSWER})) + event(STOP))
+        while True:
+            writer.write(event({"choices": [], "usage": {}}))
+            await writer.drain()
+            await asyncio.sleep(0.01)
+
+    assert ask(goes_on)[0] == [ANSWER]
 
 
 def refusing(*names: str, how: Callable[[str], dict[str, Any]]) -> Reply:
