@@ -347,6 +347,8 @@ def _raise_empty_answer(
         raise _LeaveOutError(limit)
     if notes.cut == "filter":
         raise failures.blocked(endpoint, reason)
+    if reason in ("tool_calls", "tool_use", "function_call"):
+        raise failures.called_tool(endpoint)
     if notes.reasoned or notes.cut:
         raise failures.only_reasoned(endpoint, cut=notes.cut == "length")
     raise useless or failures.nothing(endpoint)

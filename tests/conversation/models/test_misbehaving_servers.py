@@ -458,6 +458,7 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         (whole({"error": {"message": "some-model is not a valid model ID"}}, "400 Bad Request"), "not a valid",
          "Check the model's name"),
         (whole({"detail": "Not Found"}, "404 Not Found"), "at this address", "/v1"),
+        (sse(chunk({"tool_calls": [{"index": 0}]}), chunk({}, "tool_calls")), "called a tool", "tools"),
         # Mistral and Open WebUI
         (whole({"object": "error", "message": {"detail": [{"loc": ["body", "tools"], "msg": "Extra inputs"}]}},
                "422 Unprocessable"), "tools: Extra inputs", "the reason names"),
