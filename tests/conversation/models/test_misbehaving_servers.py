@@ -14,7 +14,7 @@ from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Re
 from caris_desktop.conversation.models.dialects import gemini_request, openai_request
 from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
-from caris_desktop.conversation.models.reasoning import Withdrawn
+from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
 from caris_desktop.conversation.speech_checks import probe_language_model
 from caris_desktop.live.background_worker import AsyncioThread
 from tests.conversation.models.served import (
@@ -167,6 +167,18 @@ def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
     asyncio.run(run())
     assert any(isinstance(piece, Withdrawn) for piece in pieces[0])
     assert ["".join(each) for each in pieces[1:]] == [ANSWER, ANSWER], "nothing of it is shown for a moment either"
+
+
+def test_the_name_of_a_channel_is_not_shown_for_a_moment() -> None:
+    def shown(*pieces: str) -> list[str]:
+        part = SpokenPart()
+        return [text for piece in pieces for text in part.process(piece)] + part.end(whole=True)
+
+    assert shown("analysis", "User", " asks.", "assistant", "final", "Hi.") == ["Hi."]
+    assert shown("analysis", " is what", " we do.") == ["analysis is what", " we do."]
+    assert shown("commentary") == ["commentary"]
+    again = SpokenPart(within=True)
+    assert [*again.process("analysisUser asks.assistantfinalHi."), *again.end(whole=True)] == ["Hi."]
 
 
 @pytest.mark.parametrize(
