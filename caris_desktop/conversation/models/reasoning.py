@@ -1,7 +1,8 @@
 """Removal of reasoning and template tokens from an answer.
 
 Servers pass reasoning on as text if they do not know the model's markers: tags, as of DeepSeek, Qwen, Magistral, Kimi
-and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/openai-harmony).
+and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/openai-harmony) and Gemma 4. Calls of
+tools and turns that a model adds are removed, too.
 """
 
 import re
@@ -29,7 +30,7 @@ _ENDS_TURN = re.compile(
     re.IGNORECASE,
 )
 # Channels of gpt-oss from a server that drops their tokens and leaves their names in the text.
-_BARE_CHANNEL = re.compile(r"\s*(?:assistant)?(?:analysis|commentary)(?=[A-Z\"'])")
+_BARE_CHANNEL = re.compile(r"\s*(?:assistant)?(?:analysis|commentary)(?=[^\W\d_a-z]|[\"'])")
 _BARE_CHANNELS = ("analysis", "commentary", "assistantanalysis", "assistantcommentary")
 _BARE_CHANNEL_WITHIN = 40  # characters
 _BARE_FINAL = "assistantfinal"

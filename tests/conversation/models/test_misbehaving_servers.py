@@ -177,6 +177,7 @@ def test_the_name_of_a_channel_is_not_shown_for_a_moment() -> None:
     assert shown("analysis", "User", " asks.", "assistant", "final", "Hi.") == ["Hi."]
     assert shown("analysis", " is what", " we do.") == ["analysis is what", " we do."]
     assert shown("commentary") == ["commentary"]
+    assert shown("analysis用户", "问好assistantfinal你好") == ["你好"]
     again = SpokenPart(within=True)
     assert [*again.process("analysisUser asks.assistantfinalHi."), *again.end(whole=True)] == ["Hi."]
 
