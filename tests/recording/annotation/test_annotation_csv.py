@@ -230,6 +230,30 @@ def test_a_quotation_mark_in_a_text_of_elan_swallows_no_line(tmp_path: Path) -> 
     assert found == [(1000, '"Hello'), (3000, 'you," he said'), (5000, '"Bye')]
 
 
+@pytest.mark.parametrize(
+    ("cells", "moved_ms"),
+    [
+        ("/data/s1/video-front.mp4,60.0,0.0", 2500),
+        ("1:video-front.mp4,,0", 2500),
+        # A copy that begins with the session, as for ELAN; times that the coder aligned; another video
+        ("video-front.mp4,62.5,0.0", 0),
+        ("video-front.mp4,60.0,2.5", 0),
+        ("other-video-front.mp4,60.0,0.0", 0),
+    ],
+)
+def test_coding_of_a_video_in_boris_is_moved_to_the_session(tmp_path: Path, cells: str, moved_ms: int) -> None:
+    path, skipped = tmp_path / "boris.csv", list[str]()
+    path.write_text(
+        "Media file name,Media duration (s),Time offset (s),Subject,Behavior,Behavior type,Start (s),Stop (s)\n"
+        f"{cells},P1,looks,STATE,1.0,2.0\n",
+        encoding="utf-8",
+    )
+    document = read_csv(path, skipped=skipped, media_spans_ms={"video-front.mp4": (2500, 62_500)})
+    assert [one.start_ms for one in document.annotations] == [1000 + moved_ms]
+    assert [one.end_ms for one in document.annotations] == [2000 + moved_ms]
+    assert any("moved by 2.500 s: video-front.mp4" in note for note in skipped) is bool(moved_ms)
+
+
 def test_an_annotation_without_length_is_a_moment(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("tier,start_ms,end_ms,value\nGaze,100,100,blink\nGaze,150,400,robot\nGaze,900,900,blink\n", "utf-8")
