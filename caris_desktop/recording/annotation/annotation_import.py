@@ -523,13 +523,19 @@ def _without_headings(lines: list[_Line]) -> _Columns:
                     tier=0 if begin >= 1 else None,
                     participant=1 if begin >= 2 else None,
                 )
-    raise AnnotationError(
-        QT_TR_NOOP(
-            "Line {number}: there is no header row, and no column contains times. Start with a header row: "
-            "tier, start_s, end_s, value."
-        ),
-        number=lines[0].number,
+    reason = QT_TR_NOOP(
+        "Line {number}: there is no header row, and no column contains times. Start with a header row: "
+        "tier, start_s, end_s, value."
     )
+    headed, *rest = [any(_milliseconds(cell, 1) is not None for cell in line.cells) for line in lines]
+    if lines[0].cells[0].startswith("File type"):
+        reason = QT_TR_NOOP("The file is a TextGrid of Praat. Export it as an ELAN file or as a table.")
+    elif not headed and all(rest) and rest:
+        reason = QT_TR_NOOP(
+            "Line {number}: the header names no column for the start and the end of the annotations. Name the columns "
+            "start_s and end_s, or start_ms and end_ms."
+        )
+    raise AnnotationError(reason, number=lines[0].number)
 
 
 def _adds_up(line: _Line, columns: list[int], factors: list[int]) -> bool:

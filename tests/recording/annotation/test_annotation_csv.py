@@ -111,6 +111,8 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
         ("tier,start_s,value\nA,1,x\n", "the header has no column for the end"),
         ("tier,start_s,end_s\nA,1,2\n", "the header has no column for the value"),
         ("tier,start,end,value\nA,0,40,x\nA,60,110,x\n", "could be in seconds or milliseconds"),
+        ('File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\n', "is a TextGrid of Praat"),
+        ("talk.ordinal,talk.onset,talk.offset,talk.code\n1,1000,2000,a\n", "names no column for the start and the end"),
         ("just some\nlines of text\n", "there is no header row, and no column contains times"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 20_000, "Line 2: a text is too long"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 200_000, "Line 2: field larger"),
