@@ -48,7 +48,12 @@ from caris_desktop.recording.annotation.annotation_editing import (
     merge_imported,
     tiers_of_coder,
 )
-from caris_desktop.recording.annotation.annotation_import import media_began_ms_of, read_csv, read_eaf
+from caris_desktop.recording.annotation.annotation_import import (
+    media_began_ms_of,
+    media_spans_ms_of,
+    read_csv,
+    read_eaf,
+)
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
 from caris_desktop.recording.annotation.timeline_builder import run_overview
@@ -172,7 +177,9 @@ class AnnotationSession(QObject):
             try:
                 if path.suffix.lower() == ".eaf":
                     return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
-                return read_csv(path, coder=coder, skipped=skipped)
+                return read_csv(
+                    path, coder=coder, skipped=skipped, media_spans_ms=media_spans_ms_of(self._session.header)
+                )
             except AnnotationError as refusal:
                 reason = str(refusal)
                 return tr(reason)

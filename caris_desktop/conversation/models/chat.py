@@ -232,7 +232,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     began = ended = unfinished = closed = False
     read_characters = written_characters = 0
     most_characters = None if request.bounded else question.max_tokens * _CHARACTERS_PER_TOKEN
-    version = reason = ""
+    version = reason = answered_in = ""
     useless: LanguageModelError | None = None
     answers_by_s = 0.0
     part = SpokenPart(within=habits.begins_within)
@@ -264,6 +264,10 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             if ended:  # the answer is whole, whatever follows it
                                 break
                             raise
+                        if chunk.text:
+                            answered_in = answered_in or chunk.choice
+                        if chunk.choice != answered_in:
+                            chunk = replace(chunk, text="")  # another answer
                         closed = chunk.closed
                         unfinished = unfinished or chunk.unfinished
                         # If the server marks finished answers, closing the stream without a mark means an unfinished
@@ -293,7 +297,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         notes.reasoned = notes.reasoned or part.reasoned
                         if ended:
                             # Some servers mark each piece as the end.
-                            deadline_s = loop.time() + _DRAINED_WITHIN_S
+                            deadline_s = min(deadline_s, loop.time() + _DRAINED_WITHIN_S)
                         elif began and not written_characters:
                             deadline_s = min(deadline_s, answers_by_s)
                         if most_characters is not None and written_characters >= most_characters and not ended:
@@ -343,6 +347,8 @@ def _raise_empty_answer(
         raise _LeaveOutError(limit)
     if notes.cut == "filter":
         raise failures.blocked(endpoint, reason)
+    if reason in ("tool_calls", "tool_use", "function_call"):
+        raise failures.called_tool(endpoint)
     if notes.reasoned or notes.cut:
         raise failures.only_reasoned(endpoint, cut=notes.cut == "length")
     raise useless or failures.nothing(endpoint)

@@ -93,8 +93,6 @@ def openai_parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | No
     if not choices:
         return Chunk(version=version)  # usage or filter results
     choice = choices[0] if isinstance(choices, list) else None
-    if isinstance(choice, dict) and choice.get("index"):
-        return Chunk(version=version)  # another answer than the first
     reply = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
     if not isinstance(choice, dict) or not isinstance(reply, dict):
         raise unusable(endpoint, QT_TR_NOOP("a choice has no delta"))
@@ -110,7 +108,9 @@ def openai_parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | No
         raise_error_object(endpoint, {"error": choice.get("error") or reason}, key)
     cut: Cut = "length" if _REACHED_LIMIT.search(finish) else "filter" if _FILTERED.search(finish) else ""
     unfinished = "finish_reason" in choice and not ended
-    return Chunk(text, alive, ended, unfinished, version=version, cut=cut, why=finish)
+    return Chunk(
+        text, alive, ended, unfinished, version=version, cut=cut, why=finish, choice=str(choice.get("index") or 0)
+    )
 
 
 def _openai_text(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:

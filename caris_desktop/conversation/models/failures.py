@@ -70,6 +70,15 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     )
 
 
+def called_tool(endpoint: ModelEndpoint) -> LanguageModelError:
+    """Error for an answer that is a call of a tool, which no question offers."""
+    return LanguageModelError(
+        localized(QT_TR_NOOP("{place} called a tool instead of answering."), place=endpoint.place),
+        _NO_ANSWER,
+        QT_TR_NOOP("Turn off the tools of the model on its server, or choose another model."),
+    )
+
+
 def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float | None = None) -> LanguageModelError:
     """Error for an answer with reasoning only: ``cut`` at the limit, or after ``seconds``."""
     if seconds is not None:

@@ -56,8 +56,11 @@ class Request(Value):
 
 
 class Chunk(Value):
-    """Content of one message of the stream. ``alive``: hidden text such as reasoning; ``unfinished``: it announces
-    more; ``closed``: the stream is over, with or without a complete answer. ``why`` is the server's reason for a cut.
+    """Content of one message of the stream.
+
+    ``alive``: hidden text such as reasoning; ``unfinished``: it announces more; ``closed``: the stream is over, with or
+    without a complete answer. ``why`` is the server's reason for a cut. ``choice`` tells several answers to one
+    question apart.
     """
 
     text: str = ""
@@ -68,6 +71,7 @@ class Chunk(Value):
     version: str = ""
     cut: Cut = ""
     why: str = ""
+    choice: str = ""
 
 
 def recorded_name(endpoint: ModelEndpoint, name: object, key: str | None = None) -> str:

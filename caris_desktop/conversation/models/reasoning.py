@@ -1,7 +1,8 @@
 """Removal of reasoning and template tokens from an answer.
 
 Servers pass reasoning on as text if they do not know the model's markers: tags, as of DeepSeek, Qwen, Magistral, Kimi
-and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/openai-harmony).
+and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/openai-harmony) and Gemma 4. Calls of
+tools and turns that a model adds are removed, too.
 """
 
 import re
@@ -29,7 +30,8 @@ _ENDS_TURN = re.compile(
     re.IGNORECASE,
 )
 # Channels of gpt-oss from a server that drops their tokens and leaves their names in the text.
-_BARE_CHANNEL = re.compile(r"\s*(?:assistant)?(?:analysis|commentary)(?=[A-Z\"'])")
+_BARE_CHANNEL = re.compile(r"\s*(?:assistant)?(?:analysis|commentary)(?=[^\W\d_a-z]|[\"'])")
+_BARE_CHANNELS = ("analysis", "commentary", "assistantanalysis", "assistantcommentary")
 _BARE_CHANNEL_WITHIN = 40  # characters
 _BARE_FINAL = "assistantfinal"
 
@@ -57,6 +59,7 @@ class SpokenPart:
         self._over = False
         self._began = False
         self._lead: str | None = ""  # beginning of the answer
+        self._held = ""  # end of it that may name a bare channel
         self._bare: str | None = None  # end of a bare channel's text
 
     def process(self, piece: str) -> list[str]:
@@ -78,8 +81,8 @@ class SpokenPart:
     def end(self, *, whole: bool) -> list[str]:
         """Visible rest. ``whole``: the model ended normally, so that text not marked as reasoning is visible."""
         given: list[str] = []
-        self._give(self._pending, given)
-        self._pending = ""
+        self._give(self._pending + self._held, given)
+        self._pending = self._held = ""
         if whole and self._assumed and self._hides:
             given.append("".join(self._assumed).lstrip())
         return [text for text in given if text]
@@ -89,11 +92,18 @@ class SpokenPart:
             self._lead += piece
             if named := _BARE_CHANNEL.match(self._lead):
                 if self._began or self._pending:
+                    self.begins_within = True
                     given.append(Withdrawn())
-                self._bare, self._pending, self._began, self.reasoned = "", "", False, True
-                piece = self._lead[named.end() :]
-            if named or len(self._lead) > _BARE_CHANNEL_WITHIN:
-                self._lead = None
+                piece, self._bare = self._lead[named.end() :], ""
+                self._lead, self._held, self._pending, self._assumed = None, "", "", []
+                self._hides, self._began, self.reasoned = False, False, True
+            elif self._lead.strip() in _BARE_CHANNELS:
+                self._held += piece
+                return ""
+            else:
+                piece, self._held = self._held + piece, ""
+                if len(self._lead) > _BARE_CHANNEL_WITHIN:
+                    self._lead = None
         if self._bare is None:
             return piece
         _, final, answer = (self._bare + piece).partition(_BARE_FINAL)

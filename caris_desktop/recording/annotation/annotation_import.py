@@ -71,10 +71,18 @@ _FACTORS = {"ms": 1, "msec": 1, "milliseconds": 1, "s": 1000, "sec": 1000, "seco
 _NO_TIERS = ("begin time", "end time", "duration", "participant", "annotator", "file", "file path", "file name")
 
 
-def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -> AnnotationDocument:
+def read_csv(
+    path: Path,
+    *,
+    coder: str = "",
+    skipped: list[str] | None = None,
+    media_spans_ms: Mapping[str, tuple[int, int]] | None = None,
+) -> AnnotationDocument:
     """Read tiers and annotations of a table.
 
-    ``coder`` owns the tiers that name no coder; ``skipped`` receives a sentence for each kind of row that was left out.
+    ``coder`` owns the tiers that name no coder; ``skipped`` receives a sentence for each kind of row that was left out,
+    and for times that were moved. A BORIS table names the coded media: ``media_spans_ms`` (see
+    :func:`media_spans_ms_of`) moves the times of a session's own video to session time.
 
     A table has a header row with ``start`` and ``end`` (with ``_s`` or ``_ms``, or times as hh:mm:ss.mmm) and
     ``value``; ``tier``, ``coder``, ``participant`` and ``vocabulary`` are optional. ELAN's tab-delimited text is read
@@ -86,7 +94,7 @@ def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -
     """
     content = file_content(path)
     try:
-        document, left_out = _document_of_table(_lines(_text(content)), coder)
+        document, left_out = _document_of_table(_lines(_text(content)), coder, media_spans_ms or {})
     except AnnotationError as error:
         raise AnnotationError(QT_TR_NOOP("{file} cannot be imported. {error}"), file=path.name, error=error) from error
     if skipped is not None:
@@ -180,9 +188,11 @@ class _Row(Value):
     participant: str = ""
 
 
-def _document_of_table(lines: list[_Line], coder: str) -> tuple[AnnotationDocument, list[str]]:
+def _document_of_table(
+    lines: list[_Line], coder: str, media: Mapping[str, tuple[int, int]]
+) -> tuple[AnnotationDocument, list[str]]:
     """Document and sentences on rows that were left out."""
-    of_boris = _rows_of_boris(lines)
+    of_boris = _rows_of_boris(lines, media)
     rows, skipped = of_boris if of_boris is not None else (_rows(lines), [])
     tiers: dict[tuple[str, str, str], Tier] = {}
     annotations: list[Annotation] = []
@@ -247,7 +257,7 @@ def _rows(lines: list[_Line]) -> list[_Row]:
 # BORIS
 
 
-def _rows_of_boris(lines: list[_Line]) -> tuple[list[_Row], list[str]] | None:
+def _rows_of_boris(lines: list[_Line], media: Mapping[str, tuple[int, int]]) -> tuple[list[_Row], list[str]] | None:
     """Rows of a BORIS table and what was left out of it; None for other tables.
 
     See its user guide, "Export events": aggregated events have a start and a stop; tabular ones have a row for each,
@@ -262,10 +272,10 @@ def _rows_of_boris(lines: list[_Line]) -> tuple[list[_Row], list[str]] | None:
         stop = next((where[name] for name in ("stop (s)", "stop") if name in where), None)
         kind = next((where[name] for name in ("behavior type", "status", "type") if name in where), None)
         if start is not None and stop is not None:
-            return _of_boris(lines[at + 1 :], where, partial(_aggregated, start=start, stop=stop, kind=kind))
+            return _of_boris(lines[at + 1 :], where, media, partial(_aggregated, start=start, stop=stop, kind=kind))
         if "time" in where and kind is not None:
             pairing = _Pairing(where["time"], kind, where)
-            return _of_boris(lines[at + 1 :], where, pairing.take, pairing.open)
+            return _of_boris(lines[at + 1 :], where, media, pairing.take, pairing.open)
     return None
 
 
@@ -276,6 +286,7 @@ _Told = list[tuple[_Line, int, int]] | str
 def _of_boris(
     lines: list[_Line],
     where: dict[str, int],
+    media: Mapping[str, tuple[int, int]],
     read: Callable[[_Line], _Told],
     unfinished: Mapping[tuple[str, ...], list[tuple[_Line, int]]] = {},
 ) -> tuple[list[_Row], list[str]]:
@@ -283,6 +294,7 @@ def _of_boris(
     first = next(filter(None, (_cell(line, observation) for line in lines)), "")
     subjects = {_cell(line, where["subject"]) for line in lines}
     modifiers = [column for name, column in where.items() if name.startswith("modifier")]
+    file_name, moved_ms = _coded_media(lines, where, media)
     rows: list[tuple[_Row, str]] = []
     left_out: Counter[str] = Counter()
     for line in lines:
@@ -300,16 +312,40 @@ def _of_boris(
             ]
             modified = f" ({', '.join(modifier_values)})" if modifier_values else ""
             tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
-            row = _Row(begun.number, tier or DEFAULT_TIER, behaviour + modified, start_ms, end_ms, participant=subject)
+            times_ms = (start_ms + moved_ms, end_ms + moved_ms)
+            row = _Row(begun.number, tier or DEFAULT_TIER, behaviour + modified, *times_ms, participant=subject)
             rows.append((row, modified))
     if any(unfinished.values()):
         left_out[QT_TR_NOOP("with a start but no stop")] += sum(map(len, unfinished.values()))
     if not rows:
         raise AnnotationError(QT_TR_NOOP("This BORIS table contains no event with a time."))
-    return _apart(rows), [
+    notes: list[str] = [
         localized(QT_TR_NOOP("Skipped rows {why}: {count}."), why=localized(reason), count=count)
         for reason, count in left_out.items()
     ]
+    if moved_ms:
+        moved = QT_TR_NOOP("The times were moved by {seconds} s: {file} begins that much later than the session.")
+        notes.append(localized(moved, seconds=f"{moved_ms / 1000:.3f}", file=file_name))
+    return _apart(rows), notes
+
+
+def _coded_media(lines: list[_Line], where: dict[str, int], media: Mapping[str, tuple[int, int]]) -> tuple[str, int]:
+    """File of the session that was coded, and the start of its times in the session in ms; 0 for other files."""
+
+    def cells(*names: str) -> dict[str, None]:
+        columns = [where[name] for name in names if name in where]
+        return dict.fromkeys(_cell(line, column) for line in lines for column in columns)
+
+    files = cells("media file name", "media file", "media file path", "source")
+    name = next((one for file in files for one in media if re.search(rf"(?:^|[/\\:]){re.escape(one)}$", file)), "")
+    if not name or any(_milliseconds(offset, 1000) for offset in cells("time offset (s)")):
+        return name, 0  # a coder who sets an offset has aligned the times
+    began_ms, ended_ms = media[name]
+    lengths = (_milliseconds(length, 1000) for length in cells("total length", "media duration (s)"))
+    length_ms = next(filter(None, lengths), None)
+    # Copies that this program exports begin with the session.
+    exported = length_ms is not None and 2 * (length_ms - (ended_ms - began_ms)) > began_ms
+    return name, 0 if exported and ended_ms > began_ms else began_ms
 
 
 def _apart(rows: list[tuple[_Row, str]]) -> list[_Row]:
@@ -487,13 +523,19 @@ def _without_headings(lines: list[_Line]) -> _Columns:
                     tier=0 if begin >= 1 else None,
                     participant=1 if begin >= 2 else None,
                 )
-    raise AnnotationError(
-        QT_TR_NOOP(
-            "Line {number}: there is no header row, and no column contains times. Start with a header row: "
-            "tier, start_s, end_s, value."
-        ),
-        number=lines[0].number,
+    reason = QT_TR_NOOP(
+        "Line {number}: there is no header row, and no column contains times. Start with a header row: "
+        "tier, start_s, end_s, value."
     )
+    headed, *rest = [any(_milliseconds(cell, 1) is not None for cell in line.cells) for line in lines]
+    if lines[0].cells[0].startswith("File type"):
+        reason = QT_TR_NOOP("The file is a TextGrid of Praat. Export it as an ELAN file or as a table.")
+    elif not headed and all(rest) and rest:
+        reason = QT_TR_NOOP(
+            "Line {number}: the header names no column for the start and the end of the annotations. Name the columns "
+            "start_s and end_s, or start_ms and end_ms."
+        )
+    raise AnnotationError(reason, number=lines[0].number)
 
 
 def _adds_up(line: _Line, columns: list[int], factors: list[int]) -> bool:
@@ -570,6 +612,16 @@ def media_began_ms_of(header: SessionHeader) -> dict[str, int]:
     first_ns = {one.file_name: one.first_stamp_ns for one in header.videos}
     first_ns |= {one.file_name: one.first_stamp_ns for one in header.audio}
     return {name: round((stamp_ns - header.started_ns) / 1e6) for name, stamp_ns in first_ns.items()}
+
+
+def media_spans_ms_of(header: SessionHeader) -> dict[str, tuple[int, int]]:
+    """Start and end of each video and audio file of a session by name, in ms from the session start."""
+    ends_ns = {one.file_name: one.last_stamp_ns for one in header.videos}
+    ends_ns |= {one.file_name: one.last_stamp_ns for one in header.audio}
+    return {
+        name: (began_ms, round((ends_ns[name] - header.started_ns) / 1e6))
+        for name, began_ms in media_began_ms_of(header).items()
+    }
 
 
 class _Ours(Value):

@@ -192,15 +192,14 @@ class _ClockSteps:
         """Numbers and times of earlier messages whose run is known now."""
         self._waiting.append((number, message.at_ns))
         recent = self._recent.setdefault(message.channel, deque(maxlen=_STEADY))
-        back = self._back.setdefault(message.channel, [])
         before_ns = min(recent) - REORDER_NS if len(recent) == _STEADY else 0
         if message.at_ns < before_ns:
-            back.append(number)
+            self._back.setdefault(message.channel, []).append(number)
         else:
-            back.clear()
+            self._back.pop(message.channel, None)
             recent.append(message.at_ns)
-        if len(back) == _STEADY:
-            first = min(numbers[0] for numbers in self._back.values() if numbers)
+        if len(self._back.get(message.channel, ())) == _STEADY:
+            first = min(numbers[0] for numbers in self._back.values())
             for earlier, at_ns in reversed(self._waiting):
                 if earlier < first and at_ns >= before_ns:
                     break
@@ -208,7 +207,7 @@ class _ClockSteps:
             self._firsts.append(first)
             self._recent.clear()
             self._back.clear()
-        undecided = _MOST_WAITING if any(self._back.values()) else _LOOKED_BACK
+        undecided = _MOST_WAITING if self._back else _LOOKED_BACK
         while len(self._waiting) > undecided:
             yield self._waiting.popleft()
 

@@ -14,7 +14,7 @@ from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Re
 from caris_desktop.conversation.models.dialects import gemini_request, openai_request
 from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
-from caris_desktop.conversation.models.reasoning import Withdrawn
+from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
 from caris_desktop.conversation.speech_checks import probe_language_model
 from caris_desktop.live.background_worker import AsyncioThread
 from tests.conversation.models.served import (
@@ -24,6 +24,7 @@ from tests.conversation.models.served import (
     QUESTION,
     SSE_HEAD,
     Served,
+    ask,
     refused,
     sends,
     serving,
@@ -168,6 +169,19 @@ def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
     assert ["".join(each) for each in pieces[1:]] == [ANSWER, ANSWER], "nothing of it is shown for a moment either"
 
 
+def test_the_name_of_a_channel_is_not_shown_for_a_moment() -> None:
+    def shown(*pieces: str) -> list[str]:
+        part = SpokenPart()
+        return [text for piece in pieces for text in part.process(piece)] + part.end(whole=True)
+
+    assert shown("analysis", "User", " asks.", "assistant", "final", "Hi.") == ["Hi."]
+    assert shown("analysis", " is what", " we do.") == ["analysis is what", " we do."]
+    assert shown("commentary") == ["commentary"]
+    assert shown("analysis用户", "问好assistantfinal你好") == ["你好"]
+    again = SpokenPart(within=True)
+    assert [*again.process("analysisUser asks.assistantfinalHi."), *again.end(whole=True)] == ["Hi."]
+
+
 @pytest.mark.parametrize(
     ("provider", "head", "thought"),
     [
@@ -218,6 +232,9 @@ def test_text_that_only_resembles_a_mark_is_spoken() -> None:
         [{"choices": [{"message": {"role": "assistant", "content": ANSWER}, "finish_reason": "stop"}]}],
         [chunk({"content": "The lab "}), {"choices": [{"index": 1, "delta": {"content": "Another."}}]},
          chunk({"content": "closes at six."}), {"choices": [{"index": 1, "delta": {}, "finish_reason": "stop"}]}, STOP],
+        [chunk({"content": "The lab "}), {"choices": [{"delta": {"content": "closes at six."}}]}, STOP],
+        # As LiteLLM numbers what follows the reasoning
+        [chunk({"reasoning_content": SECRET}), {"choices": [{"index": 1, "delta": {"content": ANSWER}}]}, STOP],
         [chunk({"content": [{"type": "text", "text": SECRET, "thought": True}]}), chunk({"content": ANSWER}), STOP],
         [chunk({"thinking": SECRET}), chunk({"reasoning_text": SECRET}), chunk({"content": ANSWER}), STOP],
         # Each piece is marked as the end, or with a reason that is none.
@@ -254,6 +271,17 @@ def test_an_answer_that_comes_at_once_is_taken(indent: int | None) -> None:
     candidates = [{"content": {"parts": [{"text": part}]}} for part in ("The lab ", "closes at six.")]
     listed = [{"candidates": [candidates[0]]}, {"candidates": [{**candidates[1], "finishReason": "STOP"}]}]
     assert asked(lambda _body: whole(json.dumps(listed, indent=indent).encode()), provider="gemini")[0] == [ANSWER]
+
+
+def test_a_server_that_goes_on_after_the_end_is_left() -> None:
+    async def goes_on(writer: asyncio.StreamWriter) -> None:
+        writer.write(SSE_HEAD + event(chunk({"content": ANSWER})) + event(STOP))
+        while True:
+            writer.write(event({"choices": [], "usage": {}}))
+            await writer.drain()
+            await asyncio.sleep(0.01)
+
+    assert ask(goes_on)[0] == [ANSWER]
 
 
 def refusing(*names: str, how: Callable[[str], dict[str, Any]]) -> Reply:
@@ -443,6 +471,7 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         (whole({"error": {"message": "some-model is not a valid model ID"}}, "400 Bad Request"), "not a valid",
          "Check the model's name"),
         (whole({"detail": "Not Found"}, "404 Not Found"), "at this address", "/v1"),
+        (sse(chunk({"tool_calls": [{"index": 0}]}), chunk({}, "tool_calls")), "called a tool", "tools"),
         # Mistral and Open WebUI
         (whole({"object": "error", "message": {"detail": [{"loc": ["body", "tools"], "msg": "Extra inputs"}]}},
                "422 Unprocessable"), "tools: Extra inputs", "the reason names"),

@@ -111,6 +111,8 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
         ("tier,start_s,value\nA,1,x\n", "the header has no column for the end"),
         ("tier,start_s,end_s\nA,1,2\n", "the header has no column for the value"),
         ("tier,start,end,value\nA,0,40,x\nA,60,110,x\n", "could be in seconds or milliseconds"),
+        ('File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\n', "is a TextGrid of Praat"),
+        ("talk.ordinal,talk.onset,talk.offset,talk.code\n1,1000,2000,a\n", "names no column for the start and the end"),
         ("just some\nlines of text\n", "there is no header row, and no column contains times"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 20_000, "Line 2: a text is too long"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 200_000, "Line 2: field larger"),
@@ -228,6 +230,30 @@ def test_a_quotation_mark_in_a_text_of_elan_swallows_no_line(tmp_path: Path) -> 
     )
     found = [(one.start_ms, one.value) for one in read_csv(path).annotations]
     assert found == [(1000, '"Hello'), (3000, 'you," he said'), (5000, '"Bye')]
+
+
+@pytest.mark.parametrize(
+    ("cells", "moved_ms"),
+    [
+        ("/data/s1/video-front.mp4,60.0,0.0", 2500),
+        ("1:video-front.mp4,,0", 2500),
+        # A copy that begins with the session, as for ELAN; times that the coder aligned; another video
+        ("video-front.mp4,62.5,0.0", 0),
+        ("video-front.mp4,60.0,2.5", 0),
+        ("other-video-front.mp4,60.0,0.0", 0),
+    ],
+)
+def test_coding_of_a_video_in_boris_is_moved_to_the_session(tmp_path: Path, cells: str, moved_ms: int) -> None:
+    path, skipped = tmp_path / "boris.csv", list[str]()
+    path.write_text(
+        "Media file name,Media duration (s),Time offset (s),Subject,Behavior,Behavior type,Start (s),Stop (s)\n"
+        f"{cells},P1,looks,STATE,1.0,2.0\n",
+        encoding="utf-8",
+    )
+    document = read_csv(path, skipped=skipped, media_spans_ms={"video-front.mp4": (2500, 62_500)})
+    assert [one.start_ms for one in document.annotations] == [1000 + moved_ms]
+    assert [one.end_ms for one in document.annotations] == [2000 + moved_ms]
+    assert any("moved by 2.500 s: video-front.mp4" in note for note in skipped) is bool(moved_ms)
 
 
 def test_an_annotation_without_length_is_a_moment(tmp_path: Path) -> None:
