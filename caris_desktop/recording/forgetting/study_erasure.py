@@ -711,8 +711,10 @@ class _Forgetting:
             if link.exists():
                 self._problems.append(
                     localized(
-                        QT_TR_NOOP("{link} points to a path that names the person. Rename that path, then link again."),
-                        link=self._journal.name_of(link),
+                        QT_TR_NOOP(
+                            "{file} leads to a path that names the person. Rename the path, then correct {file}."
+                        ),
+                        file=self._journal.name_of(link),
                     )
                 )
             else:

@@ -137,7 +137,7 @@ def test_a_link_to_a_path_elsewhere_that_names_the_person_is_a_problem(study: Pa
     folder.symlink_to(elsewhere)
     outcome = forget(study)
     assert not outcome.complete
-    assert any("points to a path that names the person" in problem for problem in outcome.problems)
+    assert any("leads to a path that names the person" in problem for problem in outcome.problems)
     assert folder.exists()
 
 
