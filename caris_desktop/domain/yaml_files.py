@@ -13,6 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 
 MAX_DEPTH = 40
+_SHOWN_DIGITS = 20
 _MOST_BITS = 64  # of ROS messages; Python cannot convert integers of many more to floats or text
 
 _TAG = "tag:yaml.org,2002:"
@@ -144,6 +145,10 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
             tr("the tag {tag} is not allowed. Allowed: text, numbers, true, false").format(tag=node.tag), line
         )
     value = _scalar(kind, node.value, line)
+    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+        if finite:
+            raise YamlSourceError(tr("{value}... is too large a number").format(value=node.value[:_SHOWN_DIGITS]), line)
+        value = math.inf
     if finite and isinstance(value, float) and not math.isfinite(value):
         raise YamlSourceError(tr("{value} is not a finite number").format(value=node.value), line)
     return value
@@ -152,10 +157,7 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
 def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:
     try:
         if kind == "int":
-            number = int(text, 16 if text.startswith("0x") else 10)
-            if number.bit_length() > _MOST_BITS:
-                raise ValueError  # noqa: TRY301 - as for one of too many digits
-            return number
+            return int(text, 16 if text.startswith("0x") else 10)
         if kind == "float":
             return float(text.replace(".inf", "inf").replace(".nan", "nan"))
     except ValueError as error:

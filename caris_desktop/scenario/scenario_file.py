@@ -269,7 +269,8 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
         if name not in others:
             unknown = tr("unknown {noun} {value}.").format(noun=tr("plug-in"), value=quoted(name))
             found = [f"plugin:{each}" for each in others]
-            yield path, f"{unknown} {allowed_words(value, found) if found else tr('None is installed.')}"
+            allowed = allowed_words(value, found) if found else tr("None is installed.")
+            yield path, f"{unknown} {allowed}"
 
 
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:

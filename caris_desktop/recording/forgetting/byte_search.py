@@ -6,6 +6,7 @@ import errno
 import gzip
 import io
 import lzma
+import os
 import sqlite3
 import struct
 import zipfile
@@ -24,6 +25,8 @@ from caris_desktop.recording.forgetting.text_erasure import AS_IT_IS, SearchTerm
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.events_file import MAGIC as MCAP_MAGIC
 
+ATTRIBUTES = "attributes"
+"""``Hit.inside`` of a hit in a file's extended attributes."""
 _BLOCK_BYTES = 1 << 22
 _AROUND_BYTES = 256
 _HEAD_BYTES = 16
@@ -88,7 +91,9 @@ class ByteSearch:
     def file(self, path: Path) -> Searched:
         """Search a file. Raises OSError."""
         with path.open("rb") as file:
-            return self._opened(file, path.name.lower(), 0)
+            searched = self._opened(file, path.name.lower(), 0)
+        hits = self._opened(io.BytesIO(_attributes_of(path)), "", 0, ATTRIBUTES).hits
+        return replace(searched, hits=(*searched.hits, *hits)) if hits else searched
 
     def data(self, content: bytes) -> Searched:
         return self._opened(io.BytesIO(content), "", 0)
@@ -219,6 +224,16 @@ def _noting_damage(what: str, closed: list[str]) -> Iterator[None]:
         if not is_damage(error):
             raise
         closed.append(f"{what}: {error}")
+
+
+def _attributes_of(path: Path) -> bytes:
+    """Extended attributes of a file, one a line: its tags and comments in a file manager."""
+    if not hasattr(os, "listxattr"):
+        return b""
+    try:
+        return b"\n".join(os.getxattr(path, name) for name in os.listxattr(path))
+    except OSError:  # not on this file system, or not for this user
+        return b""
 
 
 def _number(text: bytes) -> int:

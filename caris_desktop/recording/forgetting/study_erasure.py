@@ -22,7 +22,7 @@ from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting import media, text_erasure
-from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
+from caris_desktop.recording.forgetting.byte_search import ATTRIBUTES, ByteSearch, Searched
 from caris_desktop.recording.forgetting.erasure_files import (
     FOLDER,
     PART,
@@ -82,6 +82,7 @@ _KINDS = (
     ("copy", "copy", "copies"),
     ("history", "list of typed sentences", "lists of typed sentences"),
     ("log", "log", "logs"),
+    ("attributes", "file's attributes", "files' attributes"),
 )
 _OF_MEDIA = ("video", "photo", "sound")
 _PICTURES = (".png", ".jpg", ".mp4")
@@ -601,6 +602,11 @@ class _Forgetting:
         """Rewrite a file that names the person or contains their speech, or list its places."""
         file = self._journal.name_of(path)
         encoding = text_erasure.encoding_of(path)
+        tagged = [hit for hit in searched.hits if hit.inside == ATTRIBUTES]
+        if tagged:
+            searched = replace(searched, hits=tuple(hit for hit in searched.hits if hit not in tagged))
+            if self._texts.note_name(file, tagged[0].words) == "redact":
+                self._journal.replace(path, "attributes", partial(_copied, path))  # which has none
         if not searched.hits and (not work.sentences.texts or is_opaque(path)):
             return
         if path.suffix == ".mcap":
@@ -711,8 +717,10 @@ class _Forgetting:
             if link.exists():
                 self._problems.append(
                     localized(
-                        QT_TR_NOOP("{link} points to a path that names the person. Rename that path, then link again."),
-                        link=self._journal.name_of(link),
+                        QT_TR_NOOP(
+                            "{file} leads to a path that names the person. Rename the path, then correct {file}."
+                        ),
+                        file=self._journal.name_of(link),
                     )
                 )
             else:

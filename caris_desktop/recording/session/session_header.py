@@ -3,6 +3,7 @@
 import io
 import json
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import field, fields, replace
@@ -360,6 +361,13 @@ def read_raw_header(folder: Path) -> dict[str, Any]:
             folder=folder,
         )
     path = folder / HEADER_NAME
+    with reading(folder):
+        endless = next(_endless_in(folder), None)
+    if endless is not None:
+        raise SessionError(
+            QT_TR_NOOP("{path} is a pipe or a device, which could be read forever. Remove it from the session."),
+            path=endless,
+        )
     for name in (HEADER_NAME, _EVENTS):
         if not inside(folder, name):
             raise SessionError(
@@ -389,6 +397,17 @@ def read_raw_header(folder: Path) -> dict[str, Any]:
             folder=folder,
         )
     return header
+
+
+def _endless_in(folder: Path) -> Iterator[Path]:
+    """Pipes and devices, also behind links, in a session, which may come from any source. Raises OSError."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            path = Path(entry.path)
+            if entry.is_dir(follow_symlinks=False):
+                yield from _endless_in(path)
+            elif not entry.is_file(follow_symlinks=False) and path.exists() and not (path.is_file() or path.is_dir()):
+                yield path
 
 
 def _recorded_header(folder: Path, path: Path) -> Any:

@@ -137,7 +137,7 @@ def test_a_link_to_a_path_elsewhere_that_names_the_person_is_a_problem(study: Pa
     folder.symlink_to(elsewhere)
     outcome = forget(study)
     assert not outcome.complete
-    assert any("points to a path that names the person" in problem for problem in outcome.problems)
+    assert any("leads to a path that names the person" in problem for problem in outcome.problems)
     assert folder.exists()
 
 
@@ -148,6 +148,19 @@ def test_names_of_files_that_are_not_utf_8_stop_nothing(study: Path) -> None:
     assert forget(study).complete
     assert hits_in(study) == {}
     assert any("note-\udcff" in one["file"] for one in receipt_of(study)["files"])
+
+
+def test_tags_and_comments_of_a_file_manager_are_removed(study: Path) -> None:
+    notes = study / "notes.txt"
+    notes.write_text("Nothing.\n", encoding="utf-8")
+    try:
+        os.setxattr(notes, "user.xdg.comment", f"by {NAME}".encode())
+    except (AttributeError, OSError):
+        pytest.skip("needs a file system with extended attributes")
+    assert forget(study).complete
+    assert os.listxattr(notes) == []
+    assert notes.read_text(encoding="utf-8") == "Nothing.\n"
+    assert hits_in(study) == {}
 
 
 def test_a_text_in_a_code_page_is_redacted_and_the_rest_is_as_it_was(study: Path) -> None:

@@ -1,6 +1,7 @@
 """Repair of interrupted sessions: recovered data, saved originals, and interrupted repairs."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -533,3 +534,17 @@ def test_links_that_lead_out_of_the_session_are_not_followed(folder: Path, tmp_p
     with pytest.raises(SessionError, match="a link to a location outside"):
         open_session(folder)
     assert outside.read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["session.json", "people.json", "photos/0001.png"])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_session_with_a_pipe_or_a_device_is_refused_before_one_is_read(folder: Path, name: str, kind: str) -> None:
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    with pytest.raises(SessionError, match="is a pipe or a device"):
+        open_session(folder)
