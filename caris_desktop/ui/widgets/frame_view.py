@@ -422,8 +422,8 @@ class FrameView(QWidget):
             rects.append(rect)
             tags.append((label, role))
         sizes = [self._tag_size(label).toTuple() for label, _role in tags]
-        chips = [place for _text, _role, place in self._chip_places()]
-        for place, (label, role) in zip(tag_places(rects, sizes, picture, chips), tags, strict=True):
+        others = [*(place for _text, _role, place in self._chip_places()), QRectF(self._panel.covered)]
+        for place, (label, role) in zip(tag_places(rects, sizes, picture, others), tags, strict=True):
             if place is not None:
                 self._paint_tag(painter, place, label, role)
         painter.setOpacity(1.0)
