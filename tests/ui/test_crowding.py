@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QComboBox,
+    QGraphicsSimpleTextItem,
     QLineEdit,
     QPlainTextEdit,
     QTabBar,
@@ -29,6 +30,7 @@ from caris_desktop.live.status import DriveStatus, FaceStatus, LinkStatus, Recor
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
@@ -360,3 +362,17 @@ def test_a_key_cap_is_whole_in_the_narrowest_speak_panel(opened: Open) -> None:
     for name in ("talk_button", "silence_button"):
         button = find(window, name)
         assert button.width() >= button.minimumSizeHint().width() and bar.rect().contains(button.geometry()), name
+
+
+@pytest.mark.parametrize("tool", ["goal", "pose", "place", "measure"])
+def test_the_hint_of_a_map_tool_is_whole_on_a_small_map(opened: Open, tool: Tool) -> None:
+    window, console = opened("tour-guide")
+    samples.fill_console(console)
+    show_picture(console, 640, 480)
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    panel.tools.use(tool)
+    panel.view.grab()
+    items = panel.view.scene().items()
+    shown = [item.text() for item in items if isinstance(item, QGraphicsSimpleTextItem) and item.isVisible()]
+    assert any("Esc " in text for text in shown) and not any("…" in text for text in shown), shown

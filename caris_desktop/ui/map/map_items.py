@@ -759,13 +759,16 @@ class MapItems:
         for (text, role, top), chip in zip(lines, _pool(self._chips, len(lines), self._over), strict=True):
             color_role, icon_name = _CHIP_ROLES.get(role, ("text", ""))
             extra = 38.0 if icon_name else 20.0
-            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(40.0, width - 24 - extra))
-            chip_width = metrics.horizontalAdvance(elided) + extra
+            room = max(40.0, width - 24 - extra)
+            parts = text.split(" · ") if text == state.hint and metrics.horizontalAdvance(text) > room else [text]
+            parts = [metrics.elidedText(part, Qt.TextElideMode.ElideRight, room) for part in parts]
+            chip_width = max(map(metrics.horizontalAdvance, parts)) + extra
+            more_px = (len(parts) - 1) * metrics.lineSpacing()  # above: the hint lies at the lower edge
             color = theme.color(color_role)
             line = color if role != "hint" else theme.color("line_strong")
             chip.setZValue(10)
-            rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5, chip_width - 1, 23)
-            chip.show_text(rect, elided, font, color, theme.color("panel"), line=line, icon_name=icon_name)
+            rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5 - more_px, chip_width - 1, 23 + more_px)
+            chip.show_text(rect, "\n".join(parts), font, color, theme.color("panel"), line=line, icon_name=icon_name)
 
 
 def _path_of(points_m: NDArray[Any]) -> QPainterPath:

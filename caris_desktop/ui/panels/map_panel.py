@@ -474,27 +474,17 @@ class MapPanel(Panel):
             waiting = tr("No map recorded up to this moment")
         self.view.update_state(chips=self._chips(), waiting="" if self.tools.by_odometry else waiting)
         self._description.changed()
-        scan_age_s = state.scan.age_s()
-        match state.scan.freshness:
-            case "fresh" if state.scan.age_known:
-                text, role = "", "dim"  # an age is shown where it is bad
-            case "fresh":
-                text, role = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan)), "dim"
-            case "stale" | "lost" if state.scan.arrives_late:
-                text, role = tr("LIDAR latency {age}").format(age=text_formatting.age(scan_age_s or 0.0)), "amber"
-            case "stale" | "lost":
-                text, role = (
-                    tr("LIDAR silent for {age}").format(age=text_formatting.age(state.scan.silent_s() or 0.0)),
-                    "amber",
-                )
-            case _:
-                text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
+        text = ""  # the map has the age of an old scan
+        if state.scan.freshness == "none":
+            text = tr("no LIDAR yet") if state.present.live else tr("no LIDAR")
+        elif state.scan.freshness == "fresh" and not state.scan.age_known:
+            text = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan))
         # The picture or the status bar says where the robot goes; the map draws it, but not whether the robot agreed.
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state == "requested":
-            text, role = tr("goal not accepted yet"), "dim"
+            text = tr("goal not accepted yet")
         elif self.view.follow:
             text = " · ".join(filter(None, (text, tr("following robot"))))
         elif state.mapping.value.mapping:
             text = " · ".join(filter(None, (text, tr("mapping"))))
-        self.set_fact(text, role)
+        self.set_fact(text)
