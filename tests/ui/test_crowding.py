@@ -334,10 +334,11 @@ def test_the_hint_on_driving_leaves_photo_button_and_names_alone(opened: Open) -
     covered = QRect(panel.view.mapFromGlobal(hint.mapToGlobal(QPoint())), hint.size())
     assert panel.covered == covered
     frame = console.state.frame.value
-    near = PersonBox(5, "", covered.center().x(), 10.0, 100.0, 300.0, 0.9)
-    panel.view.show_people(People(frame.stamp_ns, frame.camera, frame.sequence, 640, 480, (near,), 10.0))
-    words = [text for text in painted_by(panel.view) if text.text == "Person 5"]
-    assert words and not words[0].box.intersects(covered.toRectF())
+    for left_px, over in ((60.0, covered), (520.0, place_of(photo, panel.view))):
+        near = PersonBox(5, "", left_px, 10.0, 100.0, 300.0, 0.9)
+        panel.view.show_people(People(frame.stamp_ns, frame.camera, frame.sequence, 640, 480, (near,), 10.0))
+        words = [text for text in painted_by(panel.view) if text.text == "Person 5"]
+        assert words and not words[0].box.intersects(over.toRectF())
 
 
 def test_every_place_of_a_tour_has_its_name_on_a_small_map(opened: Open) -> None:
