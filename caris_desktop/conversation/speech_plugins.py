@@ -85,7 +85,7 @@ def _host(plugin: Plugin, language: str, make: Callable[..., SpeechPlugin]) -> C
 def checked_rate(plugin: Plugin, rate_hz: object) -> int:
     """Sample rate of a plug-in's voice. Raises PluginError."""
     if not isinstance(rate_hz, int) or rate_hz not in _RATES_HZ:
-        raise PluginError(plugin, QT_TR_NOOP("its rate_hz is no sample rate"))
+        raise PluginError(plugin, QT_TR_NOOP("its rate_hz is not a sample rate"))
     return rate_hz
 
 

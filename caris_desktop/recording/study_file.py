@@ -119,7 +119,7 @@ def _meaning_problems(data: dict[str, Any]) -> Iterator[Problem]:
     for number, author in enumerate(data.get("authors", ())):
         if (orcid := author.get("orcid")) and not _orcid_is_valid(orcid):
             place = ("authors", number, "orcid")
-            text = tr("{key} is {value}, which is no ORCID iD: its last character does not match.")
+            text = tr("{key} is {value}, which is not an ORCID iD: its last character does not match.")
             yield place, text.format(key=name_of(place), value=quoted(orcid))
     if licence := data.get("licence"):
         from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression

@@ -51,9 +51,9 @@ class Banner(QWidget):
 
     def say(self, text: str) -> None:
         self.text.setText(text)
-        self.setAccessibleName(text)
+        self.setAccessibleName(text.replace("\n", " "))
         if self.isVisible():
-            announce(self, text)
+            announce(self, self.accessibleName())
 
     @property
     def needed_px(self) -> int:

@@ -54,7 +54,7 @@ class PanelTitleBar(Bar, QWidget):
         self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self._title = ElidedLabel()
+        self._title = ElidedLabel(role="title")
         self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self._title.setMinimumWidth(_LEAST_TITLE_PX)
         self._title.setText(panel.shown_title)
@@ -62,7 +62,7 @@ class PanelTitleBar(Bar, QWidget):
         self._fact.setObjectName("panel_fact")
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
-        self._row = row = layouts.hbox(self, spacing_px=8)
+        self.row = row = layouts.hbox(self, spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()
@@ -82,7 +82,7 @@ class PanelTitleBar(Bar, QWidget):
         controls = (*more, *own) if self._picture is None else (*own[:1], *more, *own[1:])
         before, self._controls = self._controls, controls
         for widget in before:
-            self._row.removeWidget(widget)
+            self.row.removeWidget(widget)
             if widget not in self._controls:
                 layouts.discard(widget)
         if self._unseen is not None:
@@ -90,9 +90,9 @@ class PanelTitleBar(Bar, QWidget):
                 widget.setParent(self._unseen)
             self._controls = ()
         over = self._picture is not None
-        self._row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
+        self.row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
         for number, widget in enumerate(self._controls):
-            self._row.insertWidget(0 if over and number == 0 else self._row.count(), widget)
+            self.row.insertWidget(0 if over and number == 0 else self.row.count(), widget)
         self.set_pointed(self._pointed)
 
     def set_pointed(self, pointed: bool) -> None:
@@ -111,8 +111,8 @@ class PanelTitleBar(Bar, QWidget):
             if not widget.isHidden() and (self._pointed or not isinstance(widget, ActionButton) or widget.is_seen)
         ]
         place = self._fact.geometry()
-        edge = self.width() - self._row.contentsMargins().right() + self._row.spacing()
-        place.setRight(min((widget.x() for widget in seen), default=min(edge, self.width() - 6)) - self._row.spacing())
+        edge = self.width() - self.row.contentsMargins().right() + self.row.spacing()
+        place.setRight(min((widget.x() for widget in seen), default=min(edge, self.width() - 6)) - self.row.spacing())
         self._fact.setGeometry(place)
 
     def event(self, event: QEvent) -> bool:
@@ -123,7 +123,7 @@ class PanelTitleBar(Bar, QWidget):
 
     def _fit(self) -> None:
         """Hide button texts as far as the title needs their space."""
-        row = self._row
+        row = self.row
         visible = [widget for widget in self._controls if not widget.isHidden()]
         widths = [self._title.sizeHint().width()] if not self._title.isHidden() else []
         widths += [widget.sizeHint().width() for widget in visible]
@@ -143,14 +143,14 @@ class PanelTitleBar(Bar, QWidget):
         return QSize(160, TITLE_HEIGHT_PX)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(120, TITLE_HEIGHT_PX)
+        # Key caps would be painted over the edge of narrower buttons.
+        return QSize(self.row.minimumSize().width(), TITLE_HEIGHT_PX)
 
     def set_tabbed(self, tabbed: bool) -> None:
         """Hide the title in a tab group: the tab shows it."""
         self._title.setVisible(not tabbed and self._picture is None)
 
     def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
         self._fact.setFont(self._theme.font(tokens.STATUS_PX))
         self._show_fact(*self._panel.fact)
         self.update()
@@ -370,10 +370,14 @@ class Dock(KeyPlace):
         self._title_bar.set_pointed(False)
 
     def leave_clear(self, covered: QRect) -> None:
-        """Keep the controls on a picture below what covers its upper edge, in the coordinates of the parent."""
-        if not self._title_px:
-            lower = covered.bottom() + 1 - self.y() if covered.intersects(self.geometry()) else 0
-            self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
+        """Keep a picture's names and controls clear of what covers its upper edge, in the coordinates of the parent."""
+        if self._title_px:
+            return
+        self._panel.covered = covered.translated(-self.pos())
+        at_left = self._panel.title_widgets()[0]
+        free_px = self.width() - self._title_bar.row.sizeHint().width() if at_left.isHidden() else 0
+        lower = self._panel.covered.bottom() + 1 if self._panel.covered.right() >= free_px else 0
+        self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
 
     def _is_handle(self, at: QPoint) -> bool:
         return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))

@@ -355,17 +355,23 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
     path = path_of(tree, "video")
     splits = [split_at(tree, path[:depth]) for depth in range(len(path))]
     (across, down), totals, now = _picture_room(tree, width, height)
-    if across is None or down is None:
+    if across is None or "video" not in map(front_of, groups_in(tree)):
         return tree
-    beside, around = (_others(splits[depth], path[depth]) for depth in (across, down))
-    most_height = totals[1] - sum(_need_in_front(child, 1) for child, _share in around)
-    in_row = across > down  # something lies beside the picture in the same column
+    tab_bar = 0 if PanelLeaf("video") in groups_in(tree) else TAB_BAR_PX
+    beside = _others(splits[across], path[across])
+    around = [] if down is None else _others(splits[down], path[down])
+    most_height = (
+        (totals[1] if around else now[1]) - sum(_need_in_front(child, 1) for child, _share in around) - tab_bar
+    )
+    in_row = down is None or across > down  # something lies beside the picture in the same column
     most_width = totals[0] - sum(_need_in_front(child, 0) for child, _share in beside) if in_row else now[0]
-    if most_height < _LEAST_PICTURE[1] or most_width < _LEAST_PICTURE[0]:
-        if not in_row:
+    if down is None:  # the others need not get more than they have
+        most_width = max(most_width, now[0])
+    if most_height + tab_bar < _LEAST_PICTURE[1] or most_width < _LEAST_PICTURE[0]:
+        if not in_row or down is None:
             return tree
         most_width = 0
-    picture_height = min(most_height, most_width / aspect)
+    picture_height = min(max(most_height, _LEAST_PICTURE[1]), most_width / aspect)
     if in_row and picture_height < _ENOUGH * most_height and all(_rank(child) >= ALWAYS_SEEN for child, _ in beside):
         folded = [panel for child, _share in beside for panel in panels_in(child)]
         rest = without(tree, folded)
@@ -374,8 +380,10 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
                 rest = _with_tabs(rest, PanelLeaf(panel))
             return _around_picture(tidy(rest), width, height, aspect)
     in_column = 0 if in_row else max(_need_in_front(child, 0) for child, _share in around)
-    lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height}
+    lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height + tab_bar}
     for depth, length in lengths_at.items():
+        if depth is None:
+            continue
         axis = 0 if depth == across else 1
         others = _others(splits[depth], path[depth])
         needs = [_need_in_front(child, axis) for child, _share in others]

@@ -123,7 +123,7 @@ class DriveHint(Banner):
         self._from: Pose2D | None = None
         self._driven_m = 0.0
         self._waits = False
-        restyle(self.text, role="detail")
+        restyle(self.text, role="small")
         self._practise = self.add_button(
             "drive_hint_practise", tr("Practise the rest"), self._on_practise, icon="student"
         )
@@ -192,9 +192,10 @@ class DriveHint(Banner):
         elif self._console.state.link.value.state != "connected":
             text = tr("Connecting to the robot…")
         else:
-            text = tr("Hold {drive_forward} to drive, {turn_left} or {turn_right} to turn. Release the key to stop.")
+            # Two lines, so that it fits beside the photo button.
+            text = tr("Hold {drive_forward} to drive, {turn_left} or {turn_right} to turn.\nRelease the key to stop.")
             text = text.format(**keys)
-        if text != self.accessibleName():
+        if text != self.text.text():
             self.say(text)
         if self._waits:
             state = self._console.state.drive.value

@@ -211,7 +211,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         actions = Actions(self, view_console, self)
         actions.drop_all_but(())
         self._context = PanelContext(view_console, theme, actions, hold, discreet=sees == "no_names", observed=True)
-        self._column = layouts.vbox(self, margins_px=(0, 8, 0, 8))
+        self._column = layouts.vbox(self, margins_px=8)
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
@@ -241,7 +241,6 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
             self._splitter.deleteLater()
         self._lower.clear()
         self._splitter = QSplitter(Qt.Orientation.Horizontal)
-        self._splitter.setContentsMargins(8, 0, 8, 0)
         # An observer clicks nothing: everything is transparent to the mouse.
         self._splitter.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         columns = [QSplitter(Qt.Orientation.Vertical) for _names in _COLUMNS[self.sees]]

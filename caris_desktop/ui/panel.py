@@ -7,7 +7,7 @@ from itertools import product
 from operator import attrgetter
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QPointF, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
@@ -73,6 +73,7 @@ class Panel(QWidget):
         self.table = context.actions
         self.hold = context.hold
         self.active = False
+        self.covered = QRect()  # by a banner
         self._goes_by_itself = 0
         self.in_view = True
         """Whether the panel is visible, as set by the panel manager."""

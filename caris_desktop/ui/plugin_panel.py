@@ -83,7 +83,7 @@ class PluginPanel(Panel):
             self._plugin = find("panels", name)
             content = load(self._plugin)(self)
             if not isinstance(content, QWidget):
-                raise PluginError(self._plugin, QT_TR_NOOP("it is no widget"))
+                raise PluginError(self._plugin, QT_TR_NOOP("it is not a widget"))
             self._content = content
             self._rows.addWidget(content, 1)
             self.update_view()

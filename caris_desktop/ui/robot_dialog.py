@@ -515,10 +515,6 @@ class MappingRow(QWidget):
         """Selected ROS name; empty for none."""
         return str(self.box.currentData() or "")
 
-    @property
-    def verdict_text(self) -> str:
-        return self._verdict.text()
-
     def show_check(self, check: "StreamCheck | None") -> None:
         """Show the result of a check; None for the reason of the proposal."""
         icon, role = ("", "") if check is None else _CHECK_LOOKS[check.state][:2]

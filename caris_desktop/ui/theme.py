@@ -70,7 +70,6 @@ THEME_KEY = "appearance/theme"
 SCALE_KEY = "appearance/scale"
 SCALES = ("", "1.25", "1.5", "1.75", "2")
 """Scale factors relative to the system's; empty for the system's own."""
-"""Settings key."""
 
 _CACHED_KIB = 32 * 1024  # the buttons of a scenario at twice the size
 # Used only if the system has no proper default font, as on a bare Debian with DejaVu alone.
@@ -201,7 +200,7 @@ QLabel#drag_words {{
 QLineEdit, QPlainTextEdit, QComboBox {{
     background: {colors.field}; color: {colors.text}; border: 1px solid {colors.line_strong};
     border-radius: {radius}px; padding: 5px 10px; selection-background-color: {colors.blue};
-    selection-color: {colors.on_blue};
+    selection-color: {colors.on_blue}; placeholder-text-color: {colors.dim};
 }}
 QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {colors.blue}; padding: 4px 9px; }}
 QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: {colors.panel}; }}
@@ -210,7 +209,14 @@ QPlainTextEdit#transcript_field, QPlainTextEdit#assistant_answer {{ font-size: {
 QPlainTextEdit#assistant_answer[readOnly="true"] {{
     background: transparent; border-color: transparent; padding: 2px 0;
 }}
-QComboBox {{ font-size: {status}px; padding: 4px 8px; }}
+QComboBox {{ padding: 4px 8px; }}
+QDialogButtonBox {{ dialogbuttonbox-buttons-have-icons: 0; }}
+QDialogButtonBox QPushButton {{
+    background: {colors.raised}; border: 1px solid {colors.line}; border-radius: {radius}px; padding: 6px 16px;
+}}
+QDialogButtonBox QPushButton:default {{ background: {colors.blue}; color: {colors.on_blue}; }}
+QDialogButtonBox QPushButton:disabled {{ background: {colors.raised}; color: {colors.dim}; }}
+QDialogButtonBox QPushButton:focus {{ border: 2px solid {colors.blue}; padding: 5px 15px; }}
 QComboBox::drop-down {{ border: 0; width: 22px; }}
 QComboBox QAbstractItemView, QMenu {{
     background: {colors.panel}; color: {colors.text}; border: 1px solid {colors.line_strong};
@@ -362,6 +368,7 @@ QWidget#photo_thumbnail {{
 QWidget#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
 QLabel#moment_picture {{ background: {colors.video_ground}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
+QSlider:horizontal {{ min-height: 20px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}
 QSlider::sub-page:horizontal {{ height: 4px; border-radius: 2px; background: {colors.blue}; }}
 QSlider::handle:horizontal {{

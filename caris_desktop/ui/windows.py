@@ -96,10 +96,6 @@ class RobotChooser(_Windows):
         """Whether discovery is available."""
         return self._explorer is not None
 
-    @property
-    def dialog_open(self) -> bool:
-        return self._dialog is not None
-
     def use_explorer(self, explorer: "LiveRobotExplorer") -> None:
         """Enable robot discovery and saving profiles."""
         self._explorer = explorer

@@ -48,7 +48,7 @@ def session(tmp_path: Path) -> Path:
         (
             5,
             "    orcid: 0000-0002-1825-0098",
-            "line 5: 'authors[1].orcid' is '0000-0002-1825-0098', which is no ORCID iD",
+            "line 5: 'authors[1].orcid' is '0000-0002-1825-0098', which is not an ORCID iD",
         ),
         (
             5,

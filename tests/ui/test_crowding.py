@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QComboBox,
+    QGraphicsSimpleTextItem,
     QLineEdit,
     QPlainTextEdit,
     QTabBar,
@@ -23,15 +24,19 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PhotoTaken, TrialDetails
+from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import FaceStatus, LinkStatus, RecordingStatus
+from caris_desktop.live.status import DriveStatus, FaceStatus, LinkStatus, RecordingStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.map.map_state import Tool
+from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import ElidedLabel
+from tests.support.window_check import painted_by
 from tests.ui import samples
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -291,3 +296,84 @@ def test_the_state_of_the_face_is_not_cut(opened: Open) -> None:
     fact = find(window, "dock_face").findChild(QWidget, "panel_fact")
     assert fact is not None and fact.accessibleName() == "calm · not on a screen"
     assert fact.fontMetrics().horizontalAdvance(fact.accessibleName()) <= fact.width()
+
+
+def test_the_speed_limit_is_whole_in_a_narrow_and_high_drive_panel(opened: Open) -> None:
+    window, console = opened("mental-health-check")
+    window.resize(2560, 1440)
+    console.state.drive.set(DriveStatus(True, "", max_forward_mps=0.3, speed_fraction=0.6))
+    show_picture(console, 640, 480)
+    fact = find(window, "dock_drive").findChild(QWidget, "panel_fact")
+    assert fact is not None and fact.accessibleName() == "0.18 m/s at most"
+    assert fact.fontMetrics().horizontalAdvance(fact.accessibleName()) <= fact.width()
+    assert find(window, "drive_stick").isVisible() and find(window, "drive_pad").isVisible()
+    assert find(window, "drive_stick").y() > find(window, "drive_pad").geometry().bottom()
+
+
+@pytest.mark.parametrize(("width_px", "height_px"), [(911, 512), (683, 384)])
+def test_a_picture_behind_a_tab_bar_has_no_bars_on_small_screens(opened: Open, width_px: int, height_px: int) -> None:
+    window, console = opened("mental-health-check")
+    window.resize(width_px, height_px)
+    show_picture(console, 640, 480)
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    picture = panel.view.picture_rect()
+    assert panel.view.width() - picture.width() <= 4 and panel.view.height() - picture.height() <= 4
+
+
+def test_the_hint_on_driving_leaves_photo_button_and_names_alone(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    show_picture(console, 640, 480)
+    photo, panel = find(window, "photo_button"), window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    before = place_of(photo, window)
+    window.first_use.hint.begin()
+    QApplication.processEvents()
+    assert place_of(photo, window) == before
+    hint = find(window, "drive_hint")
+    covered = QRect(panel.view.mapFromGlobal(hint.mapToGlobal(QPoint())), hint.size())
+    assert panel.covered == covered
+    frame = console.state.frame.value
+    for left_px, over in ((60.0, covered), (520.0, place_of(photo, panel.view))):
+        near = PersonBox(5, "", left_px, 10.0, 100.0, 300.0, 0.9)
+        panel.view.show_people(People(frame.stamp_ns, frame.camera, frame.sequence, 640, 480, (near,), 10.0))
+        words = [text for text in painted_by(panel.view) if text.text == "Person 5"]
+        assert words and not words[0].box.intersects(over.toRectF())
+
+
+def test_every_place_of_a_tour_has_its_name_on_a_small_map(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    samples.fill_console(console)
+    show_picture(console, 640, 480)
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    panel.view.fit()
+    panel.view.grab()
+    places = {place.name for place in console.state.places.value}
+    assert len(places) == 10 and places <= set(panel.view.map_items.labels())
+
+
+def test_a_key_cap_is_whole_in_the_narrowest_speak_panel(opened: Open) -> None:
+    window, _console = opened("tour-guide")
+    window.focus_speak()
+    dock = window.dock_host.docks["speak"]
+    bar = dock.titleBarWidget()
+    bar.setFixedWidth(dock.least()[0])
+    QApplication.processEvents()
+    for name in ("talk_button", "silence_button"):
+        button = find(window, name)
+        assert button.width() >= button.minimumSizeHint().width() and bar.rect().contains(button.geometry()), name
+
+
+@pytest.mark.parametrize("tool", ["goal", "pose", "place", "measure"])
+def test_the_hint_of_a_map_tool_is_whole_on_a_small_map(opened: Open, tool: Tool) -> None:
+    window, console = opened("tour-guide")
+    samples.fill_console(console)
+    show_picture(console, 640, 480)
+    panel = window.panels["map"]
+    assert isinstance(panel, MapPanel)
+    panel.tools.use(tool)
+    panel.view.grab()
+    items = panel.view.scene().items()
+    shown = [item.text() for item in items if isinstance(item, QGraphicsSimpleTextItem) and item.isVisible()]
+    assert any("Esc " in text for text in shown) and not any("…" in text for text in shown), shown

@@ -445,9 +445,10 @@ def test_a_place_clicked_while_another_card_is_open_has_its_whole_card(panel: Ma
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=first)
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=second)
     card = find(window, "map_card")
-    for name in ("go_to_Kitchen", "map_place_more"):
-        button = find(window, name)
-        assert card.rect().contains(button.geometry()) and button.size() == button.sizeHint(), name
+    row = [find(window, name) for name in ("go_to_Kitchen", "map_place_more", "map_card_close")]
+    for button, following in itertools.pairwise(row):
+        assert card.rect().contains(button.geometry()) and button.size() == button.sizeHint(), button.objectName()
+        assert following.x() - button.geometry().right() < 8, "one beside the other"
 
 
 def test_two_places_do_not_share_a_name(
@@ -619,14 +620,15 @@ def test_a_moved_place_can_be_put_back(panel: MapPanel, window: MainWindow, cons
     assert panel.view.place_position("Kitchen") == before
 
 
-def test_buttons_lie_beside_the_map_in_a_low_panel_and_below_it_in_a_high_one(
-    panel: MapPanel, window: MainWindow
-) -> None:
-    button = find(window, "map_go_button")
-    for height, below in ((150, False), (400, True)):
-        panel.resize(420, height)
+def test_a_goal_moves_neither_the_map_nor_its_legend(panel: MapPanel, window: MainWindow, console: FakeConsole) -> None:
+    def places() -> list[QRect]:
         QApplication.processEvents()
-        corner = button.mapTo(panel, QPoint())
-        assert (corner.y() >= panel.view.geometry().bottom()) is below
-        assert (corner.x() >= panel.view.geometry().right()) is not below
-        assert panel.rect().contains(QRect(corner, button.size()))
+        labels = [label for label in panel.findChildren(QLabel, "map_legend") if label.isVisible()]
+        assert len({label.y() for label in labels}) == 1, "one line"
+        return [panel.view.geometry(), *(label.geometry() for label in labels)]
+
+    before = places()
+    assert find(window, "map_go_button").isVisible()
+    console.go_to_place("Kitchen")
+    assert places() == before
+    assert find(window, "goal_cancel").isVisible()

@@ -18,7 +18,7 @@ from caris_desktop.ui.panels.session_panel import SessionPanel
 from caris_desktop.ui.theme import Theme
 from tests.support.window_check import painted_texts
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, freshen, open_window
+from tests.ui.conftest import MemorySettings, find, freshen, open_window
 from tests.ui.fake_console import FakeConsole
 
 
@@ -194,3 +194,9 @@ def test_unknown_observer_settings_open_none(qtbot: QtBot, console: FakeConsole,
     window.observers.restore()
     assert window.observers.open_window is None
     window.close()
+
+
+def test_the_signs_begin_at_the_edge_of_the_panels(window: MainWindow, console: FakeConsole) -> None:
+    observer = _opened(window, console, "no_names")
+    bars = observer.findChildren(PanelTitleBar)
+    assert find(observer, "glance").x() == min(bar.mapTo(observer, QPoint()).x() for bar in bars) == 8

@@ -323,7 +323,7 @@ def test_the_drive_panel_says_where_the_robot_goes_automatically(window: MainWin
     assert isinstance(line, QLabel)
     console.state.drive.set(DriveStatus(True, ""))
     console.go_to_place("Kitchen")
-    assert line.text() == "Going to Kitchen"
+    assert line.text() == "Navigating", "the picture says where to"
     console.cancel_goal()
     assert line.text() == "Nothing commanded"
 
@@ -337,7 +337,7 @@ def test_the_speed_of_a_goal_is_stated(window: MainWindow, console: FakeConsole)
     console.go_to_place("Kitchen")
     now, reason = find(window, "status_motion"), find(window, "drive_reason")
     assert now.accessibleName().endswith(" · Going to Kitchen, 3.2 m left · 0.30 m/s at most")
-    assert reason.property("text") == "0.30 m/s at most. Esc stops the robot."
+    assert reason.property("text") == "Esc stops the robot.", "the title bar has the speed"
     assert window.panels["drive"].fact == ("0.30 m/s at most", "dim")
     console.state.drive.set(dataclasses.replace(console.state.drive.value, goal_limit_mps=None))
     assert now.accessibleName().endswith("at the robot’s navigation speed, up to 0.60 m/s")

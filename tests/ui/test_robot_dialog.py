@@ -83,7 +83,7 @@ def dialog(qtbot: QtBot, window: MainWindow, console: FakeConsole, explorer: Mem
     assert isinstance(found, RobotDialog)
     qtbot.waitUntil(found.isVisible)
     yield found
-    if window.robots.dialog_open:
+    if window.robots._dialog is not None:
         found.close()
 
 
@@ -141,7 +141,7 @@ def test_a_chosen_topic_is_checked_and_saved_and_then_the_robot_is_used(
     assert (name, profile.scan.topic, profile.address) == ("check", "/scan_rear", ADDRESS)
     good = StreamCheck("scan", "LIDAR", "/scan_rear", "good", 10.0, 0.05, "720 beams.")
     explorer.progress(good)
-    assert scan.verdict_text == "active, 10.0 Hz, 50 ms old · 720 beams."
+    assert scan._verdict.text() == "active, 10.0 Hz, 50 ms old · 720 beams."
     wrong = StreamCheck("odometry", "Odometry", "/odom", "nothing", None, None, "")
     explorer.progress(wrong)
     explorer.done((good, wrong))
@@ -177,7 +177,7 @@ def test_a_known_robot_gives_its_whole_profile_for_this_address(
     explorer.progress(StreamCheck("scan", "LIDAR", "/scan", "good", 10.0, 0.05, ""))
     row = dialog.row("scan")
     assert row is not None
-    assert row.verdict_text == "active, 10.0 Hz, 50 ms old"
+    assert row._verdict.text() == "active, 10.0 Hz, 50 ms old"
 
 
 @pytest.mark.parametrize(

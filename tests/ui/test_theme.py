@@ -5,15 +5,16 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QGuiApplication, QPalette
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtGui import QFont, QGuiApplication, QPalette
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QPlainTextEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
 import caris_desktop.ui
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
-from caris_desktop.ui.widgets.labels import restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, restyle
+from caris_desktop.ui.window_menus import TitleDialog
 from tests.ui.conftest import MemorySettings
 
 # Text and background colours: every pair must reach 4.5:1 in both themes.
@@ -128,3 +129,26 @@ def test_a_size_is_saved_for_the_next_start(window: MainWindow, settings: Memory
     assert window.appearance.scale == "1.5" and settings.values["appearance/scale"] == "1.5"
     settings.values["appearance/scale"] = "enormous"
     assert window.appearance.scale == ""
+
+
+@pytest.mark.parametrize("choice", ["dark", "light"])
+def test_a_placeholder_can_be_read(qtbot: QtBot, theme: Theme, choice: ThemeChoice) -> None:
+    theme.set_choice(choice)
+    for field in (QLineEdit(), QPlainTextEdit()):
+        qtbot.addWidget(field)
+        field.ensurePolished()
+        ink = field.palette().color(QPalette.ColorRole.PlaceholderText).name()
+        assert contrast(ink, theme.colors.field) >= 4.5
+
+
+def test_titles_of_panels_are_semibold_from_the_start(window: MainWindow) -> None:
+    titles = [label for label in window.findChildren(ElidedLabel) if label.text() in ("Map", "Speak", "Conversation")]
+    assert titles and all(label.font().weight() == QFont.Weight.DemiBold for label in titles)
+
+
+def test_buttons_of_qt_s_dialogs_have_no_icons_of_another_family(window: MainWindow) -> None:
+    dialog = TitleDialog(window.theme, window)
+    dialog.show()
+    buttons = dialog.findChildren(QPushButton)
+    assert len(buttons) == 2 and all(button.icon().isNull() for button in buttons)
+    dialog.close()

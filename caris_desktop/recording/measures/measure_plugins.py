@@ -114,9 +114,9 @@ def checked_definition(plugin: Plugin, made: SessionMeasure) -> Measure:
         raise PluginError(plugin, QT_TR_NOOP("its name cannot be that of a column"))
     for text in (made.description, made.empty):
         if not isinstance(text, str) or not text.isprintable() or len(text) > _MOST_SENTENCE:
-            raise PluginError(plugin, QT_TR_NOOP("its description is no sentence"))
+            raise PluginError(plugin, QT_TR_NOOP("its description is not a sentence"))
     if not made.description.endswith("."):
-        raise PluginError(plugin, QT_TR_NOOP("its description is no sentence"))
+        raise PluginError(plugin, QT_TR_NOOP("its description is not a sentence"))
     values = tuple(f"{float(value):g}" for value in made.values)
     return Measure(plugin.name, made.description, "", plugin.package, made.empty, values)
 

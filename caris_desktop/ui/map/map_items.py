@@ -288,7 +288,10 @@ _CHIP_ROLES = {"warning": ("amber", "warning"), "good": ("green", "check"), "bad
 _MARK_PX = 9.0
 
 # Candidate label positions: px from mark to left edge, share of the width to subtract, px to the top.
-_BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
+_BESIDE_A_FLAG = (
+    (11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0),
+    (-9.0, 0.0, -31.0), (9.0, 1.0, -31.0), (-9.0, 0.0, 11.0), (9.0, 1.0, 11.0),
+)  # fmt: skip
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
 
 
@@ -545,7 +548,7 @@ class MapItems:
 
     def _show_places(self, people: Sequence[tuple[QPointF, QRectF | None]]) -> None:
         theme, state = self._theme, self._state
-        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
+        font = theme.font(tokens.STATUS_PX - 1, tokens.WEIGHT_MEDIUM)
         metrics = QFontMetricsF(font)
         ground = theme.color("panel")
         label_ground = theme.color("panel")
@@ -554,14 +557,15 @@ class MapItems:
         places = () if "places" in state.hidden else state.places
         at = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in places}
         taken = [_around(point, _MARK_PX) for point in at.values()]
+        width_of = {name: metrics.horizontalAdvance(name) + 8 for name in at}
         taken += self._robot_rect()
         for point, label in people:
             taken += [_around(point, 7)] if label is None else [_around(point, 7), label]
         going_to = state.goal.place if state.goal is not None else None
-        # Goal and hovered place are labelled first; a place without room keeps its flag.
-        order = sorted(at, key=lambda name: (name != going_to, name != state.hovered))
+        # Goal and hovered place are labelled first, then long names; a place without room keeps its flag.
+        order = sorted(at, key=lambda name: (name != going_to, name != state.hovered, -width_of[name]))
         for name, mark in zip(order, _pool(self._places, len(order), self._over), strict=True):
-            point, width = at[name], metrics.horizontalAdvance(name) + 12
+            point, width = at[name], width_of[name]
             going = name == going_to
             mark.setPos(point)
             mark.stack(1)
@@ -587,10 +591,11 @@ class MapItems:
     def _free_room(
         self, at: QPointF, width: float, taken: list[QRectF], sides: tuple[tuple[float, float, float], ...]
     ) -> QRectF | None:
-        """First free label rectangle at one of these sides of a mark."""
+        """First free label rectangle at one of these sides of a mark in view."""
         room = QRectF(self._box.rect()).adjusted(2, 2, -2, -2)
-        for left_px, share_of_width, top_px in sides:
-            label = QRectF(at.x() + left_px - share_of_width * width, at.y() + top_px, width, 20)
+        for left_px, share_of_width, top_px in sides if room.contains(at) else ():
+            left = at.x() + left_px - share_of_width * width
+            label = QRectF(max(room.left(), min(left, room.right() - width)), at.y() + top_px, width, 20)
             if room.contains(label) and not any(label.intersects(other) for other in taken):
                 return label
         return None
@@ -754,13 +759,16 @@ class MapItems:
         for (text, role, top), chip in zip(lines, _pool(self._chips, len(lines), self._over), strict=True):
             color_role, icon_name = _CHIP_ROLES.get(role, ("text", ""))
             extra = 38.0 if icon_name else 20.0
-            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(40.0, width - 24 - extra))
-            chip_width = metrics.horizontalAdvance(elided) + extra
+            room = max(40.0, width - 24 - extra)
+            parts = text.split(" · ") if text == state.hint and metrics.horizontalAdvance(text) > room else [text]
+            parts = [metrics.elidedText(part, Qt.TextElideMode.ElideRight, room) for part in parts]
+            chip_width = max(map(metrics.horizontalAdvance, parts)) + extra
+            more_px = (len(parts) - 1) * metrics.lineSpacing()  # above: the hint lies at the lower edge
             color = theme.color(color_role)
             line = color if role != "hint" else theme.color("line_strong")
             chip.setZValue(10)
-            rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5, chip_width - 1, 23)
-            chip.show_text(rect, elided, font, color, theme.color("panel"), line=line, icon_name=icon_name)
+            rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5 - more_px, chip_width - 1, 23 + more_px)
+            chip.show_text(rect, "\n".join(parts), font, color, theme.color("panel"), line=line, icon_name=icon_name)
 
 
 def _path_of(points_m: NDArray[Any]) -> QPainterPath:

@@ -24,9 +24,9 @@ _NO_PLACE_SHOWN_S = 5.0
 _UNDO_SHOWN_MS = 10_000
 _HINTS: dict[Tool, str] = {
     "look": "",
-    "goal": QT_TR_NOOP("Press at the goal, drag to set the heading · Esc cancels"),
-    "pose": QT_TR_NOOP("Press at the robot's position, drag to set the heading · Esc cancels"),
-    "place": QT_TR_NOOP("Press at the place, drag to set the heading · Esc cancels"),
+    "goal": QT_TR_NOOP("Press at the goal, drag for the heading · Esc cancels"),
+    "pose": QT_TR_NOOP("Press at the robot, drag for the heading · Esc cancels"),
+    "place": QT_TR_NOOP("Press at the place, drag for the heading · Esc cancels"),
     "measure": QT_TR_NOOP("Drag from one point to another · Esc ends measuring"),
 }
 _MENU: tuple[tuple[Tool, str, str], ...] = (

@@ -625,7 +625,8 @@ class SetupBar(FlowRow):
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
         self._setup = setup
         models = [(_model_words(choice), choice.model) for choice in setup.models]
-        self.model.fill([*models, (tr("Add a model file…"), _ADD)] if models else [], setup.model)
+        self.model.fill([*models, (tr("Add a model file…"), _ADD)], setup.model)
+        self.model.setVisible(bool(models))  # none are known before the models were looked for
         pictures = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
         pictures += [photo.file_name for photo in self._state.photos.value if not photo.deleted][:_PHOTOS_OFFERED]
         for drop_down, none, offered, chosen in (

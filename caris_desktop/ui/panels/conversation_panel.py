@@ -195,13 +195,12 @@ class _Card(QAbstractButton):
         self._draw_text(painter, QRectF(left, 0, max(0.0, right - left), self.height()))
 
     def _draw_text(self, painter: QPainter, room: QRectF) -> None:
-        """Draw on one line if it fits, else smaller, and on two lines if there is room."""
-        font, text = self._theme.font(tokens.BODY_PX), self.text()
-        if QFontMetricsF(font).horizontalAdvance(text) > room.width():
-            font = self._theme.font(tokens.STATUS_PX)
-            metrics = QFontMetricsF(font)
-            if room.height() < 2 * metrics.lineSpacing():
-                text = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room.width())
+        """Draw on one line, or on two where they fit; a longer text is elided."""
+        font = self._theme.font(tokens.BODY_PX)
+        metrics = QFontMetricsF(font)
+        # A break between words costs a part of the first line.
+        lines = 1.0 if room.height() < 2 * metrics.lineSpacing() else 1.8
+        text = metrics.elidedText(self.text(), Qt.TextElideMode.ElideRight, lines * room.width())
         painter.setFont(font)
         painter.setPen(self._theme.color("text"))
         flags = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft

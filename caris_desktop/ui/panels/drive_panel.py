@@ -21,7 +21,6 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import AT_REST, TeleopCommand
 from caris_desktop.live.status import DriveStatus, HeadStatus
@@ -272,6 +271,7 @@ _NAMES = {
     "strafe_left": QT_TR_NOOP("Sideways to the left"), "strafe_right": QT_TR_NOOP("Sideways to the right"),
 }  # fmt: skip
 _LOW_PX = 196
+_VIEW_PX, _OTHERS_PX = 130, 110  # heights of arrows, stick or head, and of text and settings
 _GAP_PX = 12
 _ARROW_WIDTH_PX = 74
 _GUARD_HINT_MS = 4000
@@ -301,7 +301,7 @@ class DrivePanel(Panel):
         self._head = HeadControl(self.theme, self.table)
         self._head.setObjectName("head_control")
         self._head.stick.moved.connect(partial(self.hold.motion.push_onscreen, "head"))
-        self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30, objectName="stop_button")
+        self._stop = ActionButton(self.theme, tr("Stop"), height_px=30, objectName="stop_button")
         self._stop.setProperty(STOPS, True)
         self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
         self._stop.set_key(self.table.key_text("stop"))
@@ -325,7 +325,8 @@ class DrivePanel(Panel):
         self._settings = QWidget()
         layouts.hbox(self._settings, (self._speed, 1), self._guard, margins_px=0, spacing_px=tokens.GRID_PX)
         self._views = QWidget()
-        layouts.hbox(self._views, (self._pad, 3), (self._stick, 2), (self._head, 2), margins_px=0, spacing_px=_GAP_PX)
+        parts = (self._pad, 3), (self._stick, 2), (self._head, 2)
+        self._row = layouts.hbox(self._views, *parts, margins_px=0, spacing_px=_GAP_PX)
         self._first = layouts.vbox(None, (self._words, 1), spacing_px=tokens.GRID_PX)
         self._second = layouts.vbox(None, (self._views, 1), self._settings, spacing_px=tokens.GRID_PX)
         self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
@@ -372,10 +373,13 @@ class DrivePanel(Panel):
         beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
         room = (self.width() - 28) * (0.56 if beside else 1.0) - (16 if beside else 0)
         order = views[self._chosen_view % len(views) :] + views[: self._chosen_view % len(views)]
+        widths = [view.minimumSizeHint().width() + _GAP_PX for view in order]
+        stacked = not beside and sum(widths) > room and self.height() >= _VIEW_PX * len(views) + _OTHERS_PX
+        directions = QBoxLayout.Direction
+        self._row.setDirection(directions.TopToBottom if stacked else directions.LeftToRight)
         visible: list[QWidget] = []
-        for view in order:
-            width = view.minimumSizeHint().width() + _GAP_PX
-            if not visible or width <= room:
+        for view, width in zip(order, widths, strict=True):
+            if not visible or stacked or width <= room:
                 visible.append(view)
                 room -= width
         for view in (self._pad, self._stick, self._head):
@@ -405,12 +409,6 @@ class DrivePanel(Panel):
     def _on_head_changed(self, head: HeadStatus) -> None:
         self._head.show_angles(head.pan_rad, head.tilt_rad)
 
-    def _going_to(self) -> str:
-        """Name of the navigation goal; empty without one."""
-        goal: GoalChanged | None = self.state.goal.value
-        under_way = goal is not None and goal.state in text_formatting.UNDER_WAY
-        return goal.place or tr("the chosen point") if goal is not None and under_way else ""
-
     def _on_speed_chosen(self, fraction: float) -> None:
         self.console.do(intents.SetSpeed(fraction))
 
@@ -433,38 +431,35 @@ class DrivePanel(Panel):
         if not self.in_view:
             return
         drive: DriveStatus = self.state.drive.value
-        going_to = self._going_to()
-        by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
-        by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
-        self._line.setText(
-            tr("Going to {place}").format(place=going_to) if by_itself else text_formatting.drive_line(drive)
-        )
+        has_goal = bool(text_formatting.goal_now(self.state.goal.value))
+        navigates = has_goal and drive.allowed and not drive.emergency_stop
+        navigates = navigates and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
+        # Picture and map say where to.
+        self._line.setText(tr("Navigating") if navigates else text_formatting.drive_line(drive))
         top_mps = drive.max_forward_mps * drive.speed_fraction
         self._speed.show_fraction(drive.speed_fraction)
-        text, role = self._reason_words(drive, going_to)
+        text, role = self._reason_words(drive, has_goal=has_goal)
         self._reason.setText(text)
         restyle(self._reason, tone=role)
         free = drive.allowed and not drive.emergency_stop
         for view in (self._pad, self._stick, self._head):
             view.setEnabled(free)
         self._show_guard(drive)
-        if drive.emergency_stop:
-            self.set_fact(tr("stopped"), "red")
-        elif not drive.allowed:
-            self.set_fact(tr("not possible now"), "amber")
+        if not free:
+            self.set_fact("")  # said below
         elif drive.guard == "overridden":
             self.set_fact(tr("guard off"), "amber")
         elif self.hold.held or self.hold.motion.command.moving:
-            self.set_fact(tr("driving · {speed:.2f} m/s at most").format(speed=top_mps), "blue")
-        elif by_itself and not text_formatting.goal_speed(self.state.robot.value, drive)[1]:
+            self.set_fact(tr("{speed:.2f} m/s at most").format(speed=top_mps), "blue")
+        elif navigates and not text_formatting.goal_speed(self.state.robot.value, drive)[1]:
             self.set_fact(tr("goals: own speed"), "amber")
         elif self.state.robot.value is not None and not self.state.robot.value.stops_by_itself:
             # The notification on connecting gave the reason.
-            self.set_fact(tr("half speed · {speed:.2f} m/s at most").format(speed=top_mps), "amber")
+            self.set_fact(tr("{speed:.2f} m/s at most · half speed").format(speed=top_mps), "amber")
         else:
             self.set_fact(tr("{speed:.2f} m/s at most").format(speed=top_mps))
 
-    def _reason_words(self, drive: DriveStatus, going_to: str) -> tuple[str, str]:
+    def _reason_words(self, drive: DriveStatus, *, has_goal: bool) -> tuple[str, str]:
         """Reason line below the current activity, and its colour role."""
         guard = text_formatting.guard_line(drive)
         if drive.emergency_stop:
@@ -482,11 +477,11 @@ class DrivePanel(Panel):
             return limited.format(percent=drive.cap_fraction * 100, reason=tr(drive.cap_reason)), "amber"
         if self.hold.held or self.hold.motion.command.moving:
             return tr("Release to stop."), "dim"
-        if going_to:
+        if has_goal:
             speed, by_speed_setting = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
-            text = tr("{speed}. {key} stops the robot.") if speed else tr("{key} stops the robot.")
-            text = text.format(speed=speed, key=self.table.key_text("stop"))
-            return text, "dim" if by_speed_setting else "amber"
+            stops = tr("{key} stops the robot.").format(key=self.table.key_text("stop"))
+            # The title bar has the speed setting.
+            return (stops, "dim") if by_speed_setting else (f"{speed}. {stops}", "amber")
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
         return sentence, "amber" if owner in ("nowhere", "dialog", "menu", "elsewhere") else "dim"

@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QMenu, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
@@ -79,7 +79,8 @@ class MapPanel(Panel):
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_buttons()
-        self._layout = layouts.vbox(self, (self.view, 1), self._aside, margins_px=(8, 6, 8, 8), spacing_px=6)
+        self._below = FlowRow()
+        layouts.vbox(self, (self.view, 1), self._below, margins_px=(8, 6, 8, 8), spacing_px=6)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
         self._confirm.setToolTip(tr("The robot is where the map shows it"))
@@ -159,13 +160,12 @@ class MapPanel(Panel):
     def _make_buttons(self) -> None:
         self._go_menu = QMenu(self)
         self._go_menu.setObjectName("map_go_menu")
-        button = partial(ActionButton, self.theme, height_px=30)
+        button = partial(ActionButton, self.theme, height_px=30, may_lose_words=True)
         self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
+        self._go.setToolTip(tr("Send the robot to a place"))
         self._go.clicked.connect(self._open_go_menu)
         self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._aside = FlowRow(self._go, self._cancel)
-        self._aside.setParent(self)
         self._legend: list[QLabel] = []
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
@@ -173,25 +173,12 @@ class MapPanel(Panel):
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
-        return [self._more]
-
-    @property
-    def _is_low(self) -> bool:
-        return self.height() < _LOW_PX
-
-    def _arrange(self) -> None:
-        """Place buttons and legend below the map, or the buttons beside it in a low panel."""
-        self._layout.setDirection(
-            QBoxLayout.Direction.LeftToRight if self._is_low else QBoxLayout.Direction.TopToBottom
-        )
-        policy = self._aside.sizePolicy()
-        policy.setHorizontalPolicy(QSizePolicy.Policy.Fixed if self._is_low else QSizePolicy.Policy.Ignored)
-        self._aside.setSizePolicy(policy)
+        return [self._go, self._cancel, self._more]
 
     def _show_legend(self) -> None:
         """Show what the colours mean, where the panel is high enough."""
         entries = legend(self.view.map_state, has_grid=self.view.grid.newest is not None)
-        if self._is_low:
+        if self.height() < _LOW_PX:
             entries = []
         line = self.theme.color("line_strong").name()
         texts = []
@@ -203,11 +190,10 @@ class MapPanel(Panel):
                 f"{html.escape(word)}</span>"
             )
         while len(self._legend) < len(texts):
-            label = QLabel(self._aside, textFormat=Qt.TextFormat.RichText)
+            label = QLabel(self._below, textFormat=Qt.TextFormat.RichText)
             label.setObjectName("map_legend")
-            label.setMinimumHeight(28)  # as high as a button in the same line
             self._legend.append(label)
-            self._aside.add(label)
+            self._below.add(label)
         for number, label in enumerate(self._legend):
             label.setVisible(number < len(texts))
             if number < len(texts) and label.text() != texts[number]:
@@ -219,7 +205,6 @@ class MapPanel(Panel):
 
     def fit(self) -> None:
         self._show_legend()
-        self._arrange()
         self._place_confirm()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -403,7 +388,6 @@ class MapPanel(Panel):
         show_part(
             self._go, self.tools.may_go and not going and bool(self.state.places.value) and self.tools.can_navigate()
         )
-        self._arrange()
         self._refresh()
 
     def _on_reported(self, text: str, role: str, duration_s: float) -> None:
@@ -490,27 +474,17 @@ class MapPanel(Panel):
             waiting = tr("No map recorded up to this moment")
         self.view.update_state(chips=self._chips(), waiting="" if self.tools.by_odometry else waiting)
         self._description.changed()
-        scan_age_s = state.scan.age_s()
-        match state.scan.freshness:
-            case "fresh" if state.scan.age_known:
-                text, role = "", "dim"  # an age is shown where it is bad
-            case "fresh":
-                text, role = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan)), "dim"
-            case "stale" | "lost" if state.scan.arrives_late:
-                text, role = tr("LIDAR latency {age}").format(age=text_formatting.age(scan_age_s or 0.0)), "amber"
-            case "stale" | "lost":
-                text, role = (
-                    tr("LIDAR silent for {age}").format(age=text_formatting.age(state.scan.silent_s() or 0.0)),
-                    "amber",
-                )
-            case _:
-                text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
+        text = ""  # the map has the age of an old scan
+        if state.scan.freshness == "none":
+            text = tr("no LIDAR yet") if state.present.live else tr("no LIDAR")
+        elif state.scan.freshness == "fresh" and not state.scan.age_known:
+            text = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan))
         # The picture or the status bar says where the robot goes; the map draws it, but not whether the robot agreed.
         goal: GoalChanged | None = state.goal.value
         if goal is not None and goal.state == "requested":
-            text, role = tr("goal not accepted yet"), "dim"
+            text = tr("goal not accepted yet")
         elif self.view.follow:
             text = " · ".join(filter(None, (text, tr("following robot"))))
         elif state.mapping.value.mapping:
             text = " · ".join(filter(None, (text, tr("mapping"))))
-        self.set_fact(text, role)
+        self.set_fact(text)

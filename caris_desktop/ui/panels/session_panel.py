@@ -301,26 +301,21 @@ class SessionPanel(Panel):
         match status.state:
             case "starting":
                 text = tr("Getting ready to record")
-                self.set_fact(tr("starting"))
             case "recording":
                 text, role = self._size_and_room(status)
-                lasted = text_formatting.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)
-                self.set_fact(tr("recording {time}").format(time=lasted), "green")
             case "paused":
                 nothing = tr("Nothing is being recorded. {size} so far.")
                 text, role = nothing.format(size=text_formatting.size(status.written_bytes)), "amber"
-                self.set_fact(tr("paused"), "amber")
             case "stopping":
                 text = tr("Finishing the files")
-                self.set_fact(tr("saving"))
             case "failed":
                 text, role = tr(status.detail) or tr("Nothing is being recorded."), "red"
-                self.set_fact(tr("not recording"), "red")
             case _:
                 text = tr("Records {what}").format(what=self._contents_text())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
-                self.set_fact(tr("not recording"))
+        # The button in the top bar says every other state.
+        self.set_fact(tr("not recording") if status.state == "failed" else "", role)
         self._summary.setText(text)
         restyle(self._summary, tone=role)
         self.fit()

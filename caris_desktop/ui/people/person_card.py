@@ -349,6 +349,11 @@ class AboutPage(_Page):
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
         self._looking.timeout.connect(self.request_history)
         self._search.textChanged.connect(lambda _text: self._looking.start())
+        last = form.rowCount()
+        form.addWidget(dim(tr("Agrees to"), wraps=False), last, 0, 1, 2)
+        form.addWidget(FlowRow(*self._consents.values(), gap_px=6), last + 1, 0, 1, 2)
+        form.addWidget(dim(tr("History"), wraps=False), last + 2, 0)
+        form.addWidget(self._search, last + 2, 1)
         self._no_history = dim(objectName="person_no_history")
         self.history = HistoryList(card.theme)
         self._split = small("person_split", tr("Split"), "users", partial(self._do, intents.SplitPerson))
@@ -359,9 +364,6 @@ class AboutPage(_Page):
             *(row for row, _text in self._suggested),
             layouts.hbox(None, (self._how, 1), self._not, spacing_px=tokens.GRID_PX),
             form,
-            dim(tr("Agrees to"), wraps=False),
-            FlowRow(*self._consents.values(), gap_px=6),
-            layouts.hbox(None, dim(tr("History"), wraps=False), (self._search, 1)),
             self._no_history,
             self.history,
             1,

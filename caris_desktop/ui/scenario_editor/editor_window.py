@@ -31,6 +31,7 @@ from caris_desktop.scenario.document import Step
 from caris_desktop.scenario.phrases import LOOK, NOD
 from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names, named
@@ -75,10 +76,12 @@ QWidget#editor_notice {{ border: 2px solid; border-radius: {radius}px; margin: 2
 {notices}
 QListWidget {{ border: 2px solid transparent; border-radius: {tokens.PANEL_RADIUS_PX}px; outline: 0; }}
 QListWidget:focus {{ border-color: {colors.blue}; }}
-QListWidget::item {{ border-radius: {radius}px; padding-left: 8px; color: {colors.text}; }}
+QListWidget::item {{
+    border-left: 3px solid transparent; border-radius: {radius}px; padding-left: 5px; color: {colors.text};
+}}
 QListWidget::item:hover {{ background: {colors.raised}; }}
 QListWidget::item:selected {{
-    background: {colors.blue_soft}; color: {colors.text}; border-left: 3px solid {colors.blue};
+    background: {colors.blue_soft}; color: {colors.text}; border-color: {colors.blue};
 }}
 QTextBrowser {{
     background: {colors.panel}; border: 1px solid {colors.line}; border-radius: {tokens.PANEL_RADIUS_PX}px;
@@ -172,7 +175,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         )
         self.save_as_button = self._button("editor_save_as", tr("Save as…"), "copy", self.ask_for_name)
         self.save_button = self._button(
-            "editor_save", tr("Save"), "floppy-disk", self.save, role="primary", key="Ctrl+S"
+            "editor_save", tr("Save"), "floppy-disk", self.save, role="primary", key=cap_text("Ctrl+S")
         )
         head = layouts.hbox(
             None, (titles, 1), self.undo_button, self.redo_button, self.revert_button, self.save_as_button,

@@ -44,6 +44,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_files import parse_yaml, yaml_text
 from caris_desktop.scenario.document import Mistake
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
@@ -775,7 +776,7 @@ class EntryRow(FormPart):
             return
         holder = QWidget()
         holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
-        layouts.hbox(holder, KeyCap(key), 1, margins_px=(0, 7, 0, 7))
+        layouts.hbox(holder, *([KeyCap(cap_text(key))] if key else []), 1, margins_px=(0, 7, 0, 7))
         self._head.addWidget(holder, 0, _BOTTOM)
 
     def _add_fields(self) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, QSizeF, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
     QColor,
@@ -29,6 +29,7 @@ from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme, draw_cached, draw_icon
+from caris_desktop.ui.widgets.buttons import ActionButton
 
 FARTHEST_M = 8.0
 """Beyond this a pixel covers half a metre or more of floor."""
@@ -422,8 +423,10 @@ class FrameView(QWidget):
             rects.append(rect)
             tags.append((label, role))
         sizes = [self._tag_size(label).toTuple() for label, _role in tags]
-        chips = [place for _text, _role, place in self._chip_places()]
-        for place, (label, role) in zip(tag_places(rects, sizes, picture, chips), tags, strict=True):
+        controls = [part for part in self.findChildren(ActionButton) if part.isVisible() and part.is_seen]
+        others = [*(place for _text, _role, place in self._chip_places()), QRectF(self._panel.covered)]
+        others += [QRectF(QRect(part.mapTo(self, QPoint()), part.size())) for part in controls]
+        for place, (label, role) in zip(tag_places(rects, sizes, picture, others), tags, strict=True):
             if place is not None:
                 self._paint_tag(painter, place, label, role)
         painter.setOpacity(1.0)

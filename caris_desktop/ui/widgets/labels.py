@@ -41,7 +41,7 @@ def restyle(widget: QWidget, **properties: object) -> None:
 
 
 class ElidedLabel(QLabel):
-    """Elided label; its tooltip has the whole text."""
+    """Label whose lines are elided; its tooltip has the whole text."""
 
     def __init__(self, *, role: str = "", tone: str = "") -> None:
         super().__init__()
@@ -57,7 +57,8 @@ class ElidedLabel(QLabel):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         rect = self.contentsRect()
-        text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, rect.width())
+        metrics, right = self.fontMetrics(), Qt.TextElideMode.ElideRight
+        text = "\n".join(metrics.elidedText(line, right, rect.width()) for line in self.text().split("\n"))
         painter.setPen(self.palette().color(self.foregroundRole()))
         painter.drawText(rect, int(self.alignment() | Qt.AlignmentFlag.AlignVCenter), text)
 

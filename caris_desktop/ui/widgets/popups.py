@@ -122,7 +122,9 @@ class ChoiceCard(FloatingCard):
         self._line = label("", "note", objectName=f"{name}_line")
         self._first, self._second = layouts.hbox(spacing_px=4), layouts.hbox(spacing_px=4)
         self._buttons: list[ActionButton] = []
-        layouts.vbox(self, self._line, self._first, self._second, margins_px=8, spacing_px=6)
+        column = layouts.vbox(self, self._line, self._first, self._second, margins_px=8, spacing_px=6)
+        for row in (self._first, self._second):
+            column.setAlignment(row, Qt.AlignmentFlag.AlignLeft)
 
     def offer(
         self,

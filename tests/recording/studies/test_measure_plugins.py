@@ -92,7 +92,7 @@ def test_unchanged_sessions_are_measured_once_and_again_with_another_plug_in(
 
 
 @pytest.mark.logs("the plug-in turns of lab-turns failed")
-@pytest.mark.long("*it returned nan", "*it returned 7", "*printed*", "*its description is no sentence")
+@pytest.mark.long("*it returned nan", "*it returned 7", "*printed*", "*its description is not a sentence")
 @pytest.mark.parametrize(
     ("module", "reason"),
     [
@@ -104,7 +104,7 @@ def test_unchanged_sessions_are_measured_once_and_again_with_another_plug_in(
         (source("return float('nan')"), "it returned nan"),
         (source("return 7", values="(1, 2)"), "it returned 7"),
         (source("return 7", version=9), "it is written for version 9 of the interface"),
-        (source("return 7", description="turns"), "its description is no sentence"),
+        (source("return 7", description="turns"), "its description is not a sentence"),
     ],
 )
 def test_one_that_fails_is_named_and_costs_only_itself(

@@ -15,6 +15,7 @@ from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import LevelsButton, SuggestionCards
 from caris_desktop.ui.people.shown_people import IdentityQuestion
+from tests.support.window_check import painted_by
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -177,3 +178,14 @@ def test_levels_are_set_up_to_what_the_scenario_allows(
     assert labels == ["Suggested replies", off, suggest, act, "Proposed actions", off, suggest]
     menu.actions()[3].trigger()
     assert console.named("set_level") == [("replies", "act")]
+
+
+def test_a_long_reply_has_two_lines_and_is_elided(cards: SuggestionCards, console: FakeConsole) -> None:
+    long = "Good question, and there is a safety zone around the arm that stops it as soon as somebody comes near. " * 4
+    replies = tuple(DisplayedReply(f"s-{rank}", rank, long if rank == 2 else "Yes.") for rank in (1, 2, 3))
+    console.state.suggestions.set(replace(SHOWN, cards=replies))
+    QApplication.processEvents()
+    card = cards.cards[1]
+    lines = [text for text in painted_by(card) if text.text.split() and text.text.split()[0] in long + "…"]
+    assert len(lines) == 2 and lines[-1].text.rstrip().endswith("…")
+    assert all(card.rect().toRectF().contains(line.box) for line in lines)

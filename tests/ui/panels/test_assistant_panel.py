@@ -210,3 +210,10 @@ def test_a_recording_of_one_question_at_a_time_is_shown_as_it_was(panel: Assista
     console.state.assistant.set(AssistantStatus("ready", "Small", "x9", "Why?", "Therefore."))
     assert panel._answer.toPlainText() == "Therefore."
     assert panel.findChild(QWidget, "assistant_rows").isHidden()  # type: ignore[union-attr]
+
+
+def test_before_the_models_are_known_there_is_no_list_of_none(panel: AssistantPanel, console: FakeConsole) -> None:
+    model = find(panel, "assistant_model")
+    assert not model.isHidden()
+    console.state.assistant_setup.set(replace(SETUP, models=()))
+    assert model.isHidden()

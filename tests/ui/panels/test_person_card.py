@@ -349,3 +349,9 @@ def test_the_card_stays_in_a_window_that_shrinks(
     while not window.rect().contains(QRect(card.pos(), card.size())) and time.monotonic() < deadline_s:
         qtbot.wait(10)
     assert window.rect().contains(QRect(card.pos(), card.size()))
+
+
+def test_the_fields_of_a_card_have_one_left_edge(panel: PeoplePanel, console: FakeConsole, window: MainWindow) -> None:
+    card = opened(panel, console, "p-luis")
+    names = ("person_card_name_field", "person_group", "person_tags", "person_history_search")
+    assert len({find(card, name).x() for name in names}) == 1
