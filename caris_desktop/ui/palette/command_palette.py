@@ -13,7 +13,7 @@ from typing import Any
 
 from PySide6.QtCore import QModelIndex, QRect, QRectF, QSize, QStringListModel, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QPainter
-from PySide6.QtWidgets import QLineEdit, QListView, QStyleOptionViewItem, QWidget
+from PySide6.QtWidgets import QLineEdit, QListView, QStyle, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -446,8 +446,8 @@ class _ItemList(QListView):
         self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setUniformItemSizes(True)
-        self.setMouseTracking(True)
-        self.entered.connect(self._choose_row)
+        # The pointer only lights a row: bumped while the hands type, it must not change what Enter runs.
+        self.viewport().setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.selectionModel().selectionChanged.connect(self._on_selected)
         # One command, however often the button is pressed.
         self.pressed.connect(lambda: self._set_double_click(False))
@@ -511,6 +511,13 @@ class _ItemDelegate(RowDelegate):
 
     def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return QSize(0, _ROW_PX)
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        if option.state & QStyle.StateFlag.State_MouseOver:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("raised_hover"))
+            painter.drawRoundedRect(option.rect, 8, 8)
+        super().paint(painter, option, index)
 
     def paint_row(self, painter: QPainter, row: QRect, index: Index) -> None:
         theme, entry, rect = self._theme, self._items.entries[index.row()], QRectF(row)
