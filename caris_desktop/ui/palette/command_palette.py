@@ -384,8 +384,10 @@ class CommandPalette(Overlay):
         if self._new is not None and typed:
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
-        by_digit = bool(self._by_digit) and not typed
-        selected = bool(found) and (is_meant(found, typed) if typed else not (found[0].acts or by_digit))
+        if not found or not typed:
+            selected = bool(found) and not (found[0].acts or self._by_digit)
+        else:  # a list of choices was opened by its verb
+            selected = says_what_to_do(found[0], typed) if self._by_digit else is_meant(found, typed)
         self.list.setVisible(bool(found))
         self._nothing.setHidden(bool(found))
         self.list.show_entries(found, breaks=breaks, selected=selected)
