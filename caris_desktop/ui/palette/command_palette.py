@@ -178,7 +178,7 @@ class Finder:
         return [place for _far, place in far]
 
 
-def is_meant(found: Sequence[PaletteItem], query: str) -> bool:
+def enter_runs_first(found: Sequence[PaletteItem], query: str) -> bool:
     """Whether Enter may run the first result. A guess needs a long word. An item that acts needs its verb or, if
     ``by_name``, some letters of its name, and no other result may fit as well.
     """
@@ -387,7 +387,7 @@ class CommandPalette(Overlay):
         if not found or not typed:
             selected = bool(found) and not (found[0].acts or self._by_digit)
         else:  # a list of choices was opened by its verb
-            selected = says_what_to_do(found[0], typed) if self._by_digit else is_meant(found, typed)
+            selected = says_what_to_do(found[0], typed) if self._by_digit else enter_runs_first(found, typed)
         self.list.setVisible(bool(found))
         self._nothing.setHidden(bool(found))
         self.list.show_entries(found, breaks=breaks, selected=selected)
