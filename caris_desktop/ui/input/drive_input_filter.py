@@ -690,7 +690,7 @@ class DriveInputFilter(QObject):
         self._actions.use_letters({**self._actions.letters, position: chr(key)})
 
     def _did_by_position(self, identity: int, code: int | None, event: QKeyEvent) -> bool:
-        """Run the command of another key that was meant (``_meant_key``). Qt tries the other installed layouts first;
+        """Run the command bound to another key (``_bound_key``). Qt tries the other installed layouts first;
         this is reached only if none matches.
         """
         chord = event.modifiers() & CHORD_MODIFIERS == Qt.KeyboardModifier.ControlModifier
@@ -698,7 +698,7 @@ class DriveInputFilter(QObject):
         bare = bare and not self._nowhere.isActive() and self._question is None
         if self.captures is not None and self._takes_keys():
             return False
-        key = _meant_key(position_of(sys.platform, code), event)
+        key = _bound_key(position_of(sys.platform, code), event)
         if key is None or not (chord or bare):
             return False
         meant = QKeyEvent(
@@ -934,7 +934,7 @@ def _come_first(events: QObject, app: QApplication) -> None:
     app.installEventFilter(events)
 
 
-def _meant_key(position: str | None, event: QKeyEvent) -> int | None:
+def _bound_key(position: str | None, event: QKeyEvent) -> int | None:
     """Key with the wizard's command: Return for the Enter key of the number pad, and the one at this position where the
     layout has no Latin letters, or types a digit only with Shift (Ctrl with the first digit of AZERTY is Ctrl+&).
     """

@@ -283,9 +283,10 @@ class KeyBindings:
         """Action that holding this key triggers; ``bare``: a driving panel has the focus."""
         modifiers = event.modifiers()
         # Letters and digits are matched by position; all other keys, and events without a code, by symbol.
-        where: int | str | None = position_of(sys.platform, code)
-        if where is not None and _is_another_character(where, event):
-            where = None
+        position = position_of(sys.platform, code)
+        if position is not None and _is_another_character(position, event):
+            position = None
+        where: int | str | None = position
         if where is None:
             where = int(event.key())
             if code is None and not modifiers & Qt.KeyboardModifier.KeypadModifier:

@@ -13,7 +13,7 @@ from typing import Any
 
 from PySide6.QtCore import QModelIndex, QRect, QRectF, QSize, QStringListModel, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QPainter
-from PySide6.QtWidgets import QLineEdit, QListView, QStyleOptionViewItem, QWidget
+from PySide6.QtWidgets import QLineEdit, QListView, QStyle, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -178,7 +178,7 @@ class Finder:
         return [place for _far, place in far]
 
 
-def is_meant(found: Sequence[PaletteItem], query: str) -> bool:
+def enter_runs_first(found: Sequence[PaletteItem], query: str) -> bool:
     """Whether Enter may run the first result. A guess needs a long word. An item that acts needs its verb or, if
     ``by_name``, some letters of its name, and no other result may fit as well.
     """
@@ -384,8 +384,10 @@ class CommandPalette(Overlay):
         if self._new is not None and typed:
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
-        by_digit = bool(self._by_digit) and not typed
-        selected = bool(found) and (is_meant(found, typed) if typed else not (found[0].acts or by_digit))
+        if not found or not typed:
+            selected = bool(found) and not (found[0].acts or self._by_digit)
+        else:  # a list of choices was opened by its verb
+            selected = says_what_to_do(found[0], typed) if self._by_digit else enter_runs_first(found, typed)
         self.list.setVisible(bool(found))
         self._nothing.setHidden(bool(found))
         self.list.show_entries(found, breaks=breaks, selected=selected)
@@ -446,8 +448,8 @@ class _ItemList(QListView):
         self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setUniformItemSizes(True)
-        self.setMouseTracking(True)
-        self.entered.connect(self._choose_row)
+        # The pointer only lights a row: bumped while the hands type, it must not change what Enter runs.
+        self.viewport().setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.selectionModel().selectionChanged.connect(self._on_selected)
         # One command, however often the button is pressed.
         self.pressed.connect(lambda: self._set_double_click(False))
@@ -511,6 +513,13 @@ class _ItemDelegate(RowDelegate):
 
     def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return QSize(0, _ROW_PX)
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        if option.state & QStyle.StateFlag.State_MouseOver:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("raised_hover"))
+            painter.drawRoundedRect(option.rect, 8, 8)
+        super().paint(painter, option, index)
 
     def paint_row(self, painter: QPainter, row: QRect, index: Index) -> None:
         theme, entry, rect = self._theme, self._items.entries[index.row()], QRectF(row)

@@ -157,10 +157,10 @@ class QueueList(QWidget):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         row = self._actions.pressed_in("queue", event)
-        if row is not None:
-            self._actions.run(row.id)
-        else:
+        if row is None:
             super().keyPressEvent(event)
+        elif not event.isAutoRepeat() or row.id != "queued_cancel":  # a held Delete must not empty the queue
+            self._actions.run(row.id)
 
     def focusInEvent(self, event: QFocusEvent) -> None:
         super().focusInEvent(event)

@@ -321,7 +321,10 @@ class PeopleList(FastTableView):
     # ---- name field
 
     def name(self, person_id: str) -> None:
-        """Edit this person's name."""
+        """Edit this person's name. A name being typed for this person stays."""
+        if person_id and person_id == self.naming:
+            focus_widget(self._field, Qt.FocusReason.OtherFocusReason)
+            return
         self.give_up_naming()
         row = self._people.row_of(person_id)
         if row is None or not self._people.flags(self._people.index(row)) & Qt.ItemFlag.ItemIsEditable:

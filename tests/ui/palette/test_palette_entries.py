@@ -490,6 +490,21 @@ def test_enter_runs_nothing_that_moves_or_speaks_where_several_fit(window: MainW
 
 
 @pytest.mark.panels("video", "speak", "map")
+def test_the_pointer_does_not_choose_what_enter_runs(window: MainWindow, console: FakeConsole) -> None:
+    palette = palette_of(window, "say")
+    console.calls.clear()
+    rows, view = palette.list.model(), palette.list
+    for row in (0, 1):
+        QTest.mouseMove(view.viewport(), view.visualRect(rows.index(row, 0)).center())
+        QApplication.processEvents()
+    assert view.current is None
+    QTest.keyClick(palette.field, Qt.Key.Key_Return)
+    assert console.named("say") == []
+    QTest.mouseClick(view.viewport(), Qt.MouseButton.LeftButton, pos=view.visualRect(rows.index(1, 0)).center())
+    assert len(console.named("say")) == 1
+
+
+@pytest.mark.panels("video", "speak", "map")
 def test_a_short_word_is_no_misspelt_one(window: MainWindow, console: FakeConsole) -> None:
     console.calls.clear()
     for typed in ("mara", "redo"):  # not Mark, and not video

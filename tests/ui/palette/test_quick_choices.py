@@ -68,6 +68,15 @@ def test_a_digit_chooses_only_while_nothing_is_typed(window: MainWindow, console
     assert console.named("open_scenario") == [samples.MENTAL.path]
 
 
+def test_a_letter_and_enter_choose_where_the_list_says_what_is_done(window: MainWindow, console: FakeConsole) -> None:
+    palette = window.findChild(CommandPalette)
+    assert palette is not None
+    window.actions_table.run("choose_place")
+    QTest.keyClicks(palette.field, "k")
+    QTest.keyClick(palette.field, Qt.Key.Key_Return)
+    assert console.named("go_to_place") == ["Kitchen"]
+
+
 def test_a_digit_typed_into_find_anything_is_a_digit(window: MainWindow, console: FakeConsole) -> None:
     palette = window.findChild(CommandPalette)
     assert palette is not None

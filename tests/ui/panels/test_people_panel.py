@@ -592,6 +592,14 @@ def test_ctrl_z_in_a_field_is_the_fields_own(qtbot: QtBot, panel: PeoplePanel, c
     assert console.calls == []
 
 
+def test_a_name_being_typed_stays_when_naming_is_asked_for_again(panel: PeoplePanel) -> None:
+    panel.list.name("p-4")
+    field = find(panel, "person_name_field")
+    QTest.keyClicks(field, "Eva")
+    panel.list.name("p-4")
+    assert field.property("text") == "Eva" and field.hasFocus()
+
+
 def test_an_unfinished_name_is_not_saved_when_another_row_becomes_current(
     qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
 ) -> None:

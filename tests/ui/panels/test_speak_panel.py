@@ -287,6 +287,17 @@ def test_the_queue_is_changed_by_keys_alone_while_driving(window: MainWindow, co
     assert view.hasFocus()
 
 
+@pytest.mark.parametrize("key", [Qt.Key.Key_Delete, Qt.Key.Key_Backspace])
+def test_a_held_delete_removes_one_sentence(window: MainWindow, console: FakeConsole, key: Qt.Key) -> None:
+    console.state.speech.set(waiting("One.", "Two.", "Three."))
+    queue = queue_of(window)
+    queue.setFocus()
+    for repeated in (False, True, True):
+        press = QKeyEvent(QEvent.Type.KeyPress, key, Qt.KeyboardModifier.NoModifier, "", repeated)
+        QApplication.sendEvent(queue, press)
+    assert queue.texts == ["“Two.”", "“Three.”"]
+
+
 def test_a_correction_of_a_text_already_spoken_goes_into_the_field(window: MainWindow, console: FakeConsole) -> None:
     console.state.speech.set(waiting("One."))
     queue = queue_of(window)
