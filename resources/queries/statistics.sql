@@ -103,7 +103,8 @@ WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= getvariable('respo
         WHERE pauses.session = moments.session AND start_ns < moments.next_ns AND end_ns > moments.at_ns
     );
 
--- The way by odometry, without jumps and pauses; from the velocities where it reports no place.
+-- The way by odometry, without jumps; from the velocities where it reports no place. No step leads across a pause, or to
+-- another robot.
 CREATE VIEW odometry_steps AS
 SELECT
     session,
@@ -111,12 +112,16 @@ SELECT
     pose_in_odom_y_m AS y_m,
     sqrt(pow(pose_in_odom_x_m - lag(pose_in_odom_x_m) OVER before, 2)
         + pow(pose_in_odom_y_m - lag(pose_in_odom_y_m) OVER before, 2)) AS step_m,
-    CASE WHEN coalesce(pause_ns, 0) <= lag(stamp_ns) OVER before THEN (stamp_ns - lag(stamp_ns) OVER before) / 1e9 END
+    CASE WHEN coalesce(break_ns, 0) <= lag(stamp_ns) OVER before THEN (stamp_ns - lag(stamp_ns) OVER before) / 1e9 END
         AS step_s,
     sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2)) AS speed_mps,
     lag(sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2))) OVER before AS speed_before_mps
 FROM odometry
-ASOF LEFT JOIN (SELECT session, start_ns AS stamp_ns, start_ns AS pause_ns FROM pauses) USING (session, stamp_ns)
+ASOF LEFT JOIN (
+    SELECT session, start_ns AS stamp_ns, start_ns AS break_ns FROM pauses
+    UNION ALL
+    SELECT session, stamp_ns, stamp_ns FROM event_robot_chosen
+) USING (session, stamp_ns)
 WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
 
 CREATE VIEW ways AS

@@ -22,6 +22,7 @@ from caris_desktop.recording.session.robot_clock_mapping import clock_summary
 from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
+from caris_desktop.recording.studies.study_index import without_copies
 
 YOLO_HZ, MOT_HZ = 2.0, 5.0
 """Images per second of each camera at most."""
@@ -80,6 +81,7 @@ def write_dataset_of_study(sessions: Sequence[Session], out: Path, context: Expo
 
     Raises OSError, SessionError.
     """
+    sessions = without_copies(sessions, context.notify)
     driving = lerobot.write_lerobot(
         sessions, out / "dataset", lambda share: context.progress(_DATASET_SHARE * share), context.warn
     )

@@ -34,7 +34,7 @@ from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
-from caris_desktop.recording.studies.study_index import copies_among
+from caris_desktop.recording.studies.study_index import without_copies
 from caris_desktop.recording.table_files import ParquetTables, copy_tables
 from caris_desktop.recording.tables.build import DERIVED_TABLES, all_tables, table_sql
 from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, key_values, unit_of
@@ -151,16 +151,7 @@ def write_tables_of_study(sessions: Sequence[Session], out: Path, context: Expor
 
     Raises OSError, and SessionError if no session could be read.
     """
-    copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
-    for name, original in copies.items():
-        context.notify(
-            localized(
-                QT_TR_NOOP("{session} is a copy of {original} and is not counted again."),
-                session=name,
-                original=original,
-            )
-        )
-    sessions = [one for one in sessions if one.folder.name not in copies]
+    sessions = without_copies(sessions, context.notify)
     with _StudyTables(out, context) as study:
 
         def add(session: Session) -> None:

@@ -191,8 +191,9 @@ MEASURES = (
         "distance_m",
         "Distance that the robot drove, from its odometry; empty if it reported none.",
         (
-            "Sum of the steps between positions, without those faster than plausible_speed_mps and those across a "
-            "pause; without positions, sum of speed times time, each speed for at most velocity_holds_s."
+            "Sum of the steps between positions, without those faster than plausible_speed_mps, across a pause, or "
+            "from one robot to another; without positions, sum of speed times time, each speed for at most "
+            "velocity_holds_s."
         ),
     ),
     Measure(
@@ -286,6 +287,7 @@ TABLES: dict[str, tuple[str, ...]] = {
     "marks": ("stamp_ns", "label", "kind", "duration_s"),
     "odometry": ("stamp_ns", "pose_in_odom_x_m", "pose_in_odom_y_m", "twist_forward_mps", "twist_left_mps"),
     "event_recording_paused": ("stamp_ns", "paused"),
+    "event_robot_chosen": ("stamp_ns",),
     "event_llm_exchange": (
         "stamp_ns", "exchange_id", "outcome", "purpose", "provider", "model", "model_version", "server", "seed",
         "parameters",

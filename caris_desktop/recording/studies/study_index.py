@@ -442,6 +442,20 @@ def copies_among(sessions: Mapping[str, tuple[Any, Sequence[str]]]) -> dict[str,
     return copies
 
 
+def without_copies(sessions: Sequence[Session], notify: Callable[[str], None]) -> list[Session]:
+    """Sessions of a study that count; ``notify`` gets a sentence on each copy among them."""
+    copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
+    for name, original in copies.items():
+        notify(
+            localized(
+                QT_TR_NOOP("{session} is a copy of {original} and is not counted again."),
+                session=name,
+                original=original,
+            )
+        )
+    return [one for one in sessions if one.folder.name not in copies]
+
+
 def _age_and_size(path: str) -> str:
     try:
         status = os.stat(path)  # noqa: PTH116 - as said above

@@ -1,6 +1,7 @@
 """LeRobot datasets: readable by the rules of the format v3.0, and equal to what was recorded."""
 
 import json
+import shutil
 from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
@@ -482,17 +483,20 @@ def test_a_session_that_fails_leaves_nothing_in_the_dataset(
 
 
 def test_the_command_writes_one_dataset_and_the_dialogue_of_all(tmp_path: Path) -> None:
-    folders = tuple(
+    folders = [
         tell(
             tmp_path / "sessions" / name,
             [*heard(1, 0.2, 0.6, "Hello."), *said(1, 0.8, 1.0, 1.5, "Good day."), *drive(0.5, 1.5, 0.3)],
             lasts_s=2.0,
             trial={**TRIAL, "participant": name},
+            later_s=later_s,
         )
-        for name in ("P1", "P2")
-    )
-    finished = export_all(ExportRequest(folders, ("lerobot",), tmp_path / "out"))
+        for name, later_s in (("P1", 0.0), ("P2", 60.0))
+    ]
+    folders.append(shutil.copytree(folders[0], tmp_path / "sessions" / "P1 again"))
+    finished = export_all(ExportRequest(tuple(folders), ("lerobot",), tmp_path / "out"))
     assert finished.problems == ()
+    assert any("P1 again is a copy of P1" in sentence for sentence in finished.notices)
     (out,) = finished.written
     read = checked(out / "dataset")
     assert [one["participant"] for one in read.episodes] == ["P1", "P2"]

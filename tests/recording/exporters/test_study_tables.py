@@ -58,8 +58,9 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three sessions: two coders, no coder, and one that cannot be read."""
     sessions = tmp_path_factory.mktemp("study") / "sessions"
     sessions.mkdir()
-    tell(sessions / "one", _values(), lasts_s=20.0, trial={**TRIAL, "participant": "P1", "condition": "A"})
-    later: dict[str, Any] = {"trial": {**TRIAL, "participant": "P2", "condition": "B"}, "later_s": 3600.0}
+    trial = {**TRIAL, "trial": "03"}
+    tell(sessions / "one", _values(), lasts_s=20.0, trial={**trial, "participant": "P1", "condition": "A"})
+    later: dict[str, Any] = {"trial": {**trial, "participant": "P2", "condition": "B"}, "later_s": 3600.0}
     tell(sessions / "two", _values(), lasts_s=20.0, **later)
     shutil.copytree(sessions / "two", sessions / "zz damaged")
     header = json.loads((sessions / "zz damaged" / "session.json").read_text("utf-8"))
@@ -97,7 +98,7 @@ def test_each_table_has_the_rows_of_all_sessions(out: Path) -> None:
     for name in names - {"data_dictionary", "annotations", "annotations_by_coder", "agreement"}:
         rows = _rows(out, name)
         keys = {(row["session"], row["participant"], row["condition"], row["trial"]) for row in rows}
-        assert keys == {("one", "P1", "A", "3"), ("two", "P2", "B", "3")}, name
+        assert keys == {("one", "P1", "A", "03"), ("two", "P2", "B", "03")}, name
     assert [row["robot_utterances"] for row in _rows(out, "measures")] == [1, 1]
     assert [row["llm_exchanges"] for row in _rows(out, "measures")] == [1, 1]
 
@@ -269,6 +270,8 @@ def test_the_r_script_loads_all_tables_and_prints_a_first_one(study: Path, tmp_p
         f'stopifnot("{_FORMULA}" %in% study$utterances$text)\n'
         'stopifnot(identical(levels(study$utterances$speaker), c("robot", "participant", "wizard")))\n'
         "stopifnot(is.logical(study$utterances$said), is.numeric(study$utterances$duration_s))\n"
+        # All trials are numbers: as codes they keep their zeros.
+        'stopifnot(identical(unique(study$measures$trial), "03"), is.numeric(study$measures$stops))\n'
     )
     run = subprocess.run(["Rscript", "check.R"], cwd=folder, capture_output=True, text=True, timeout=500, check=False)
     assert run.returncode == 0, run.stderr

@@ -21,6 +21,7 @@ from caris_desktop.domain.events import (
     PersonLeft,
     Problem,
     RecordingPaused,
+    RobotChosen,
     StopRequested,
     SuggestionChanged,
     SuggestionState,
@@ -295,6 +296,18 @@ def test_driving(tmp_path: Path) -> None:
     assert measures.of("guard_s") == pytest.approx({"clear": 56.0, "slowing": 2.0, "blocked": 3.0, "overridden": 39.0})
     assert [(drive.source, drive.duration_s) for drive in facts.drives] == [("keyboard", 2.0), ("gamepad", 1.0)]
     assert [stretch.label for stretch in measures.navigation] == ["reached", "unfinished"]
+
+
+def test_the_way_from_one_robot_to_another_is_driven_by_neither(tmp_path: Path) -> None:
+    values = [
+        RobotChosen(at(-1.0), "first", "First", "ws://a:1"),
+        odometry(1.0, 0.0, 0.0),
+        odometry(2.0, 1.0, 0.0),
+        RobotChosen(at(10.0), "second", "Second", "ws://b:1"),
+        odometry(15.0, 21.0, 0.0),
+        odometry(16.0, 21.5, 0.0),
+    ]
+    assert measured(tmp_path, values)["distance_m"] == pytest.approx(1.5)
 
 
 def test_a_pause_is_no_part_of_any_measure(tmp_path: Path) -> None:
