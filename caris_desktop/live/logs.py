@@ -48,8 +48,8 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
     def report(kind: type[BaseException], value: BaseException, trace: TracebackType | None) -> None:
         logging.getLogger("caris_desktop").critical("unhandled error", exc_info=(kind, value, trace))
         if not terminal and issubclass(kind, Exception):
-            failure = printable(f"The command failed unexpectedly ({kind.__name__}: {value}).")
-            print(f"{failure} Log: {path}", file=sys.stderr)
+            why = printable(str(value))
+            print(f"The command failed unexpectedly ({kind.__name__}: {why}). Log: {path}", file=sys.stderr)
 
     sys.excepthook = report
     threading.excepthook = lambda failure: logging.getLogger("caris_desktop").critical(
