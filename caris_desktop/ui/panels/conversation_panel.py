@@ -207,7 +207,7 @@ class _Card(QAbstractButton):
         painter.drawText(room, int(flags) | int(Qt.TextFlag.TextWordWrap), text)
 
 
-_EMPTY = QT_TR_NOOP("The conversation between the robot and the participant appears here.")
+_EMPTY = QT_TR_NOOP("The conversation appears here.")
 _TICK_MS = 100
 _PHOTO_AFTER_NS = 2_000_000_000
 _RECENT = 60

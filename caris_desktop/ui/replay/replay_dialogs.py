@@ -299,7 +299,7 @@ class ImportDialog(_Dialog):
         browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36, objectName="import_browse")
         browse.clicked.connect(self.browse)
         path = layouts.hbox(None, (self.path_field, 1), browse, spacing_px=8)
-        self._coder = self.coder_field(coders, "", tr("name or initials; empty: taken from the file"))
+        self._coder = self.coder_field(coders, "", tr("initials; empty: from the file"))
         self.add_form((tr("Coder"), self._coder)).insertRow(0, tr("File"), path)
         self.column.addStretch(1)
         take = ActionButton(theme, tr("Import"), icon="check", key="Enter", role="primary", height_px=40)
