@@ -308,9 +308,9 @@ def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
     table.write_text("tier,start,end,value\nEngagement,1.0,2.5,looks away\n")
     read = replay_console.read_csv
 
-    def slow_disk(path: Path, *, coder: str, skipped: list[str]) -> AnnotationDocument:
+    def slow_disk(path: Path, **options: Any) -> AnnotationDocument:
         assert spun.wait(60), "nothing else went on meanwhile"
-        return read(path, coder=coder, skipped=skipped)
+        return read(path, **options)
 
     monkeypatch.setattr(replay_console, "read_csv", slow_disk)
     console.import_annotations(table, "Kim", told.append)
