@@ -42,6 +42,7 @@ class AlarmsService(Service):
         self._book = AlarmBook()
         self._met_robot: tuple[str, str] | None = None
         self._again = new_timer(self, self.evaluate, single_shot=True)
+        self._stopped = False
         for value in (
             state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
             state.microphone, state.wizard_microphone, state.listening, state.battery,
@@ -90,6 +91,7 @@ class AlarmsService(Service):
         self._notify()
 
     def stop(self) -> None:
+        self._stopped = True  # services that stop later may still change what an alarm is about
         self._again.stop()
 
     def _on_robot_chosen(self, _robot: RobotChosen) -> None:
@@ -107,7 +109,7 @@ class AlarmsService(Service):
             self._publish(change)
         self._state.alarms.set(self._book.alarms)
         wait_s = self._book.wait_s(self._now_ns())
-        if wait_s is None:
+        if wait_s is None or self._stopped:
             self._again.stop()
         else:
             self._again.start(max(50, round(wait_s * 1000)))
