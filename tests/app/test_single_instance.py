@@ -83,7 +83,7 @@ def test_a_second_start_shows_the_window_that_is_there_and_another_study_is_anot
 def test_a_killed_instance_holds_no_lock(program: Program, tmp_path: Path) -> None:
     killed = program.start("a")
     lock = program._home / "a" / _LOCK
-    wait_for(lock.exists, "the study is held", timeout_s=60.0)
+    wait_for(lambda: lock.exists() and lock.read_text(), "the study is held", timeout_s=60.0)
     killed.kill()
     killed.wait()
     with console_command.held(program._home / "a", tmp_path):
