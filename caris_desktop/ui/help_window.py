@@ -185,6 +185,7 @@ PAGES: Mapping[str, str] = {
     "NotesPanel": "alarms.md#notes",
     "ObserverWindow": "wizard.md#observer-windows",
     "PeoplePanel": "people.md",
+    "PersonCard": "people.md",
     "PhotosPanel": "wizard.md#photos",
     "PracticeStrip": "practice.md",
     "PreflightCard": "preflight.md",

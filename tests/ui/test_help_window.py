@@ -56,7 +56,7 @@ def page(help_window: HelpWindow) -> str:
 
 @pytest.mark.long
 def test_each_panel_and_window_has_a_page() -> None:
-    wanted = {spec.class_name for spec in PANELS.values()} | {kind.__name__ for kind in window_classes()}
+    wanted = {f"{name.capitalize()}Panel" for name in PANELS} | {kind.__name__ for kind in window_classes()}
     assert wanted - set(WITHOUT_A_PAGE) <= set(PAGES)
     assert set(PAGES) <= {kind.__name__ for kind in widget_classes()}, "a page for something that is not there"
     assert set(WITHOUT_A_PAGE) <= wanted
