@@ -19,7 +19,6 @@ from caris_desktop.robot.profile import profile_file_name, user_robots_dir
 from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -113,8 +112,8 @@ class RobotDialog(FormDialog):
         self._summary.setObjectName("robot_summary")
         self._pages = QTabWidget(documentMode=True)
         self._pages.setObjectName("robot_pages")
-        has_role(self._pages, QAccessible.Role.Grouping)
-        self._pages.setAccessibleName(tr("Robot"))
+        self._pages.setFocusProxy(None)  # type: ignore[arg-type] # Qt takes none
+        self._pages.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # its tab bar has the keys, and the name of each page
         self._pages.addTab(self._make_mapping_page(), tr("Mapping"))
         self._pages.addTab(self._make_offer_page(), tr("Everything found"))
         self._pages.setMinimumHeight(_LEAST_PAGE_PX)
