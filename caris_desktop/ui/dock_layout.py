@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from PySide6.QtCore import QRect
+from PySide6.QtCore import QRect, QSize
 
 from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import (
@@ -93,9 +93,7 @@ def without(node: LayoutNode, absent: Collection[str]) -> LayoutNode | None:
         return None if node.panel in absent else node
     if isinstance(node, TabNode):
         tabs = tuple(panel for panel in node.tabs if panel not in absent)
-        if len(tabs) > 1:
-            return TabNode(tabs, node.current if node.current in tabs else tabs[0])
-        return PanelLeaf(tabs[0]) if tabs else None
+        return tidy(TabNode(tabs, node.current)) if tabs else None
     remaining = [
         (smaller, weight)
         for child, weight in zip(node.children, node.weights, strict=True)
@@ -119,9 +117,8 @@ def with_the_panels_of(tree: LayoutNode, arranged: LayoutNode) -> LayoutNode:
         return tree
     for panel in panels:
         if panel not in panels_in(result):
-            last = panels_in(result)[-1]
-            front = next(front_of(group) for group in groups_in(result) if last in panels_in(group))
-            result = with_current(with_tab(result, last, panel), front)
+            *_, last = groups_in(result)
+            result = with_current(with_tab(result, front_of(last), panel), front_of(last))
     return result
 
 
@@ -160,11 +157,11 @@ def with_current(node: LayoutNode, panel: PanelName) -> LayoutNode:
 
 def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, ...]) -> LayoutNode:
     """The tree with new weights in the split at ``path`` (child indices)."""
+    split = split_at(node, ())
     if not path:
-        return SplitNode(split_at(node, ()).split, split_at(node, ()).children, _rounded(list(weights)))
-    split, (first, *rest) = split_at(node, ()), path
+        return SplitNode(split.split, split.children, _rounded(list(weights)))
     children = list(split.children)
-    children[first] = with_weights(children[first], tuple(rest), weights)
+    children[path[0]] = with_weights(children[path[0]], path[1:], weights)
     return SplitNode(split.split, tuple(children), split.weights)
 
 
@@ -186,13 +183,6 @@ def split_at(node: LayoutNode, path: tuple[int, ...]) -> SplitNode:
     return node
 
 
-def shape(node: LayoutNode) -> object:
-    """Structure of the tree without weights and current tabs."""
-    if isinstance(node, SplitNode):
-        return (node.split, tuple(shape(child) for child in node.children))
-    return panels_in(node)
-
-
 def differs(tree: LayoutNode, other: LayoutNode, *, by: float | None) -> bool:
     """Whether panels are placed differently, or any share differs by more than ``by``. Current tabs do not count."""
     if isinstance(tree, SplitNode) and isinstance(other, SplitNode):
@@ -202,10 +192,10 @@ def differs(tree: LayoutNode, other: LayoutNode, *, by: float | None) -> bool:
         if by is not None and any(abs(before - after) > by for before, after in both):
             return True
         return any(differs(*children, by=by) for children in zip(tree.children, other.children, strict=True))
-    return shape(tree) != shape(other)
+    return isinstance(tree, SplitNode) or isinstance(other, SplitNode) or panels_in(tree) != panels_in(other)
 
 
-LEAST_WINDOW_PX = (240, 160)
+_LEAST_WINDOW = QSize(240, 160)
 _TITLE_PX = 40  # title bar of the window manager, above the window's own area
 
 
@@ -217,19 +207,16 @@ def on_a_screen(place: QRect, screens: Sequence[QRect]) -> QRect:
     """
     if not screens:
         return place
-    screen = max(screens, key=lambda screen: _area(place & screen))
-    if not place.intersects(screen):
-        screen = screens[0]
-    width = max(min(place.width(), screen.width()), min(LEAST_WINDOW_PX[0], screen.width()))
-    height = max(min(place.height(), screen.height() - _TITLE_PX), min(LEAST_WINDOW_PX[1], screen.height()))
-    left = max(screen.left(), min(place.left(), screen.left() + screen.width() - width))
-    lowest = max(screen.top(), screen.top() + screen.height() - height)
-    top = min(max(screen.top() + _TITLE_PX, place.top()), lowest)
-    return QRect(left, top, width, height)
-
-
-def _area(rect: QRect) -> int:
-    return 0 if rect.isEmpty() else rect.width() * rect.height()
+    screen = max(screens, key=lambda screen: (place & screen).width() * (place & screen).height())
+    below_title = screen.size() - QSize(0, _TITLE_PX)
+    size = place.size().boundedTo(below_title).expandedTo(_LEAST_WINDOW).boundedTo(screen.size())
+    lowest = max(screen.top(), screen.top() + screen.height() - size.height())
+    return QRect(
+        max(screen.left(), min(place.left(), screen.left() + screen.width() - size.width())),
+        min(max(screen.top() + _TITLE_PX, place.top()), lowest),
+        size.width(),
+        size.height(),
+    )
 
 
 class Floating(Value):
@@ -291,10 +278,7 @@ def arrangement_of(tree: LayoutNode) -> DockLayout:
 
 def select(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Raise the panel's tab."""
-    index = window_of(arrangement, panel)
-    if index is None:
-        return replace(arrangement, tree=with_current(arrangement.tree, panel))
-    return _with_window(arrangement, index, lambda tree: with_current(tree, panel))
+    return _with_tree(arrangement, window_of(arrangement, panel), lambda tree: with_current(tree, panel))
 
 
 def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Side, at: int | None = None) -> DockLayout:
@@ -304,20 +288,12 @@ def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Sid
     """
     if panel == beside:
         return arrangement
-    index = window_of(arrangement, beside)
     loose = _out_of_windows(arrangement, panel)
-    hidden = arrangement.hidden - {panel}
-    if index is None:
-        rest = without(loose.tree, {panel})
-        if rest is None:
-            return arrangement
-        return replace(loose, tree=place_next_to(rest, beside, panel, side, at), hidden=hidden)
-    # Its place in the main window is stored for docking it again.
-    index = window_of(loose, beside)
-    if index is None:
-        return arrangement
-    moved = _with_window(loose, index, lambda tree: place_next_to(tree, beside, panel, side, at))
-    return replace(moved, hidden=hidden)
+    window = window_of(loose, beside)
+    if window is None and (rest := without(loose.tree, {panel})) is not None:
+        loose = replace(loose, tree=rest)  # beside a floating panel it keeps its place, for docking it again
+    moved = _with_tree(loose, window, lambda tree: place_next_to(tree, beside, panel, side, at))
+    return replace(moved, hidden=arrangement.hidden - {panel})
 
 
 def move_to_edge(arrangement: DockLayout, panel: PanelName, side: Side) -> DockLayout:
@@ -366,24 +342,17 @@ def add(arrangement: DockLayout, panel: PanelName, beside: Sequence[PanelName]) 
 
 def remove(arrangement: DockLayout, panels: Collection[PanelName]) -> DockLayout | None:
     """Remove the panels entirely; None if nothing is left."""
-    tree = without(arrangement.tree, frozenset(panels))
+    tree = without(arrangement.tree, panels)
     if tree is None:
         return None
-    windows = [
-        Floating(tidy(left), window.place)
-        for window in arrangement.floating
-        if (left := without(window.tree, frozenset(panels))) is not None
-    ]
-    return DockLayout(tidy(tree), arrangement.hidden - frozenset(panels), tuple(windows))
+    return DockLayout(tidy(tree), arrangement.hidden.difference(panels), _windows_without(arrangement, panels))
 
 
 def resize(
     arrangement: DockLayout, window: int | None, path: tuple[int, ...], weights: tuple[float, ...]
 ) -> DockLayout:
-    """Set the weights of one split, in the main window or a floating one."""
-    if window is None:
-        return replace(arrangement, tree=with_weights(arrangement.tree, path, weights))
-    return _with_window(arrangement, window, lambda tree: with_weights(tree, path, weights))
+    """Set the weights of one split, in the main window (None) or a floating one."""
+    return _with_tree(arrangement, window, lambda tree: with_weights(tree, path, weights))
 
 
 def place_window(arrangement: DockLayout, window: int, place: QRect) -> DockLayout:
@@ -404,20 +373,27 @@ def window_of(arrangement: DockLayout, panel: PanelName) -> int | None:
     return next((i for i, window in enumerate(arrangement.floating) if panel in panels_in(window.tree)), None)
 
 
-def _with_window(arrangement: DockLayout, index: int, change: Callable[[LayoutNode], LayoutNode]) -> DockLayout:
+def _with_tree(arrangement: DockLayout, index: int | None, change: Callable[[LayoutNode], LayoutNode]) -> DockLayout:
+    """The layout with the tree of a floating window changed; None: of the main window."""
+    if index is None:
+        return replace(arrangement, tree=change(arrangement.tree))
     windows = list(arrangement.floating)
     windows[index] = replace(windows[index], tree=change(windows[index].tree))
     return replace(arrangement, floating=tuple(windows))
 
 
 def _out_of_windows(arrangement: DockLayout, panel: PanelName) -> DockLayout:
-    """Take the panel out of its floating window; an empty window disappears."""
-    windows = [
-        replace(window, tree=tidy(left))
+    """Take the panel out of its floating window."""
+    return replace(arrangement, floating=_windows_without(arrangement, (panel,)))
+
+
+def _windows_without(arrangement: DockLayout, panels: Collection[PanelName]) -> tuple[Floating, ...]:
+    """The floating windows without some panels; an empty window disappears."""
+    return tuple(
+        replace(window, tree=tidy(tree))
         for window in arrangement.floating
-        if (left := without(window.tree, {panel})) is not None
-    ]
-    return replace(arrangement, floating=tuple(windows))
+        if (tree := without(window.tree, panels)) is not None
+    )
 
 
 # ---- serialisation
@@ -429,10 +405,7 @@ def arrangement_data(arrangement: DockLayout) -> dict[str, Any]:
         "tree": layout_data(arrangement.tree),
         "hidden": sorted(arrangement.hidden),
         "floating": [
-            {
-                "tree": layout_data(window.tree),
-                "place": [window.place.x(), window.place.y(), window.place.width(), window.place.height()],
-            }
+            {"tree": layout_data(window.tree), "place": list(window.place.getRect())}  # type: ignore[call-overload]
             for window in arrangement.floating
         ],
     }
