@@ -4,7 +4,7 @@ which it is dragged, closed and floated.
 
 from collections.abc import Mapping, Sequence
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
     QCloseEvent,
@@ -23,7 +23,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QMenu, QPushButton, QScrollA
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.dock_geometry import TITLE_PX, DockGeometry, GroupPlace, Handle, Room, dragged, place
+from caris_desktop.ui.dock_geometry import DockGeometry, GroupPlace, Handle, Room, dragged, place
 from caris_desktop.ui.focus_widget import Bar, KeyPlace
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -38,17 +38,18 @@ class PanelTitleBar(Bar, QWidget):
 
     When space is short, the status text is elided first, then buttons with an icon lose their text from right to left,
     and last the title is elided; tooltips show elided text. ``more``: controls of the dock area, after the panel's own.
-    ``looked_at``: view-only, without controls. On a ``picture`` it is only the controls, the first at the left end.
+    ``looked_at``: view-only, without controls. ``over_picture``: only the controls, the first at the left end.
     """
 
     def __init__(
-        self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False, picture: QWidget | None = None
+        self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False, over_picture: bool = False
     ) -> None:
         super().__init__()
-        self._picture = picture
+        self._over_picture = over_picture
         self._pointed = False
-        self._unseen = QWidget(self) if looked_at else None
-        if self._unseen is not None:
+        self._unseen: QWidget | None = None
+        if looked_at:
+            self._unseen = QWidget(self)
             self._unseen.hide()
         self._panel = panel
         self._theme = panel.theme
@@ -58,29 +59,26 @@ class PanelTitleBar(Bar, QWidget):
         self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self._title.setMinimumWidth(_LEAST_TITLE_PX)
         self._title.setText(panel.shown_title)
-        self._fact = _ElidedLabel()
+        self._fact = _StatusText()
         self._fact.setObjectName("panel_fact")
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
-        self.row = row = layouts.hbox(self, spacing_px=8)
-        row.addWidget(self._title)
-        row.addWidget(self._fact, 1)
+        self.row = layouts.hbox(self, self._title, (self._fact, 1), spacing_px=8)
         self._show_controls()
-        self._title.setVisible(picture is None)
+        self.set_tabbed(False)
         # Clicks on the labels must reach the dock, which is dragged by its title.
         for label in (self._title, self._fact):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         panel.fact_changed.connect(self._show_fact)
         panel.title_changed.connect(self._title.setText)
         panel.controls_changed.connect(self._show_controls)
-        panel.active_changed.connect(self._on_active_changed)
+        panel.active_changed.connect(self.update)
         self._theme.restyle_on_change(self._style)
 
     def _show_controls(self) -> None:
-        own, more = self._panel.title_widgets(), self._more
+        own, before = self._panel.title_widgets(), self._controls
         # What appears under the pointer only comes first, so that the others reach the edge.
-        controls = (*more, *own) if self._picture is None else (*own[:1], *more, *own[1:])
-        before, self._controls = self._controls, controls
+        self._controls = (*own[:1], *self._more, *own[1:]) if self._over_picture else (*self._more, *own)
         for widget in before:
             self.row.removeWidget(widget)
             if widget not in self._controls:
@@ -89,10 +87,10 @@ class PanelTitleBar(Bar, QWidget):
             for widget in self._controls:
                 widget.setParent(self._unseen)
             self._controls = ()
-        over = self._picture is not None
-        self.row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
+        margins = (10, 6, 10, 2) if self._over_picture else (14, 3, 6 if self._controls else 14, 3)
+        self.row.setContentsMargins(*margins)
         for number, widget in enumerate(self._controls):
-            self.row.insertWidget(0 if over and number == 0 else self.row.count(), widget)
+            self.row.insertWidget(0 if self._over_picture and number == 0 else self.row.count(), widget)
         self.set_pointed(self._pointed)
 
     def set_pointed(self, pointed: bool) -> None:
@@ -148,7 +146,7 @@ class PanelTitleBar(Bar, QWidget):
 
     def set_tabbed(self, tabbed: bool) -> None:
         """Hide the title in a tab group: the tab shows it."""
-        self._title.setVisible(not tabbed and self._picture is None)
+        self._title.setVisible(not tabbed and not self._over_picture)
 
     def _style(self) -> None:
         self._fact.setFont(self._theme.font(tokens.STATUS_PX))
@@ -156,27 +154,20 @@ class PanelTitleBar(Bar, QWidget):
         self.update()
 
     def _show_fact(self, text: str, role: str) -> None:
-        if self._picture is not None:
-            return  # the picture says it
-        self._fact.set_text(
-            text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
-        )
-
-    def _on_active_changed(self, _active: bool) -> None:
-        self.update()
+        if not self._over_picture:  # the picture says it
+            rest_color = self._theme.color("dim")
+            self._fact.set_text(text, self._theme.color(role or "dim"), self._panel.fact_lead, rest_color)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         event.ignore()  # starts dragging the dock
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        if self._picture is not None:
-            return
-        painter = QPainter(self)
-        draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
+        if not self._over_picture:
+            draw_card(QPainter(self), self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
 
 
-class _ElidedLabel(QWidget):
-    """Right-aligned, elided single line; its beginning may be highlighted."""
+class _StatusText(QWidget):
+    """Right-aligned, elided single line; its first ``lead`` characters may be highlighted."""
 
     accessible_role = QAccessible.Role.StaticText
 
@@ -188,7 +179,7 @@ class _ElidedLabel(QWidget):
         self._rest_color = QColor()
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
-    def set_text(self, text: str, color: QColor, *, lead: int, rest_color: QColor) -> None:
+    def set_text(self, text: str, color: QColor, lead: int, rest_color: QColor) -> None:
         self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
         self.setAccessibleName(text)
         self.setToolTip(text)
@@ -241,10 +232,14 @@ class DockRequests(QObject):
         at = event.globalPosition().toPoint()
         # A quick release can precede the first move event.
         pressed, dragged = self._pressed, self._is_drag(at)
-        self._pressed, self._dragging = None, False
+        self.cancel()
         if pressed is not None and dragged:
             self.drag_dropped.emit(pressed, at)  # the tab bar of the press may be deleted by it
         return pressed is not None and not dragged
+
+    def cancel(self) -> None:
+        """End the drag without a drop."""
+        self._pressed, self._dragging = None, False
 
     def _is_drag(self, at: QPoint) -> bool:
         return self._dragging or (at - self._pressed_at).manhattanLength() >= self._least_px
@@ -266,7 +261,7 @@ class Dock(KeyPlace):
         self.setObjectName(f"dock_{name}")
         self._panel = panel
         self._requests = requests
-        self._floating = False
+        self._floating = self._locked = False
         self._scroll = QScrollArea(self)
         self._scroll.setObjectName("panel_scroll")
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
@@ -277,33 +272,27 @@ class Dock(KeyPlace):
             part.setAutoFillBackground(False)
         panel.show()
         picture = panel.picture()
-        self._title_px = TITLE_PX if picture is None else 0
-        self._handle = _Handle(panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX)
-        self._handle.setObjectName("panel_handle")
-        self._handle.set_quiet(True)
-        self._handle.setToolTip(tr("Drag to move this panel, click for its menu"))
-        self._handle.clicked.connect(self._open_menu)
-        self._handle.setParent(self)
-        if picture is None:
-            self._handle.hide()
+        self._title_px = TITLE_HEIGHT_PX if picture is None else 0
+        self._handle = _Handle(
+            panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX, objectName="panel_handle",
+            toolTip=tr("Drag to move this panel, click for its menu"), clicked=self._open_menu, parent=self,
+        )  # fmt: skip
+        self._handle.setHidden(picture is None)
         self._float = ActionButton(
-            panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX
-        )
-        self._float.setObjectName("float_button")
-        self._float.set_quiet(True)
-        self._float.clicked.connect(lambda: requests.float_requested.emit(name))
-        parts = (self._float,) if picture is None else (self._float, self._handle)
-        self._title_bar = PanelTitleBar(panel, parts, picture=picture)
+            panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX,
+            objectName="float_button", clicked=lambda: requests.float_requested.emit(name),
+        )  # fmt: skip
+        for button in (self._handle, self._float):
+            button.set_quiet(True)
         if picture is None:
+            self._title_bar = PanelTitleBar(panel, (self._float,))
             self._title_bar.setParent(self)
         else:
-            self._over_picture = layouts.vbox(picture, margins_px=0)
-            self._over_picture.addWidget(self._title_bar)
-            self._over_picture.addStretch(1)
+            self._title_bar = PanelTitleBar(panel, (self._float, self._handle), over_picture=True)
+            self._over_picture = layouts.vbox(picture, self._title_bar, 1, margins_px=0)
         self._title_bar.show()
-        panel.title_changed.connect(self._on_title_changed)
-        self._on_title_changed(panel.shown_title)
-        self.set_place(floating=False, locked=False)
+        panel.title_changed.connect(self._show_words)
+        self._show_words()
 
     def focus_target(self) -> QWidget:
         return self._panel.focus_target()
@@ -319,13 +308,20 @@ class Dock(KeyPlace):
         return self._floating
 
     def set_place(self, *, floating: bool, locked: bool) -> None:
-        self._floating = floating
-        show_part(self._float, not locked)
-        words = tr("Dock in the main window") if floating else tr("Open in a separate window")
-        self._float.set_label("", icon="arrow-square-in" if floating else "arrow-square-out")
-        self._float.setAccessibleName(f"{self._panel.shown_title}: {words}")
-        self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=self._panel.shown_title))
+        if (floating, locked) != (self._floating, self._locked):
+            self._floating, self._locked = floating, locked
+            self._show_words()
+
+    def _show_words(self) -> None:
+        """Show the title, and what the buttons do at the present place."""
+        title = self._panel.shown_title
+        self.setWindowTitle(title)
+        show_part(self._float, not self._locked)
+        words = tr("Dock in the main window") if self._floating else tr("Open in a separate window")
+        self._float.set_label("", icon="arrow-square-in" if self._floating else "arrow-square-out")
+        self._float.setAccessibleName(f"{title}: {words}")
         self._float.setToolTip(words)
+        self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=title))
 
     def set_shown(self, visible: bool) -> None:
         """Show the dock, or hide it behind another tab or entirely."""
@@ -349,7 +345,7 @@ class Dock(KeyPlace):
     def fit(self) -> None:
         """Lay out title bar and panel."""
         if self._title_px:
-            self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
+            self._title_bar.setGeometry(0, 0, self.width(), self._title_px)
         self._scroll.setGeometry(0, self._title_px, self.width(), max(0, self.height() - self._title_px))
         room, need = self._scroll.maximumViewportSize(), self._panel_need()
         # Beside a scroll bar across the other direction.
@@ -379,10 +375,7 @@ class Dock(KeyPlace):
         lower = self._panel.covered.bottom() + 1 if self._panel.covered.right() >= free_px else 0
         self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
 
-    def _is_handle(self, at: QPoint) -> bool:
-        return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
-
-    def _open_menu(self, _checked: bool = False) -> None:
+    def _open_menu(self) -> None:
         self._requests.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
 
     # ---- dragging
@@ -390,7 +383,7 @@ class Dock(KeyPlace):
     @property
     def _title_bottom(self) -> int:
         """Lower end of the title bar, by which the panel is dragged."""
-        return self._title_bar.mapTo(self, QPoint(0, TITLE_PX)).y()
+        return self._title_bar.mapTo(self, QPoint(0, TITLE_HEIGHT_PX)).y()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and event.position().y() < self._title_bottom:
@@ -400,7 +393,8 @@ class Dock(KeyPlace):
         self._requests.move(event)
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        if self._requests.release(event) and self._is_handle(event.globalPosition().toPoint()):
+        at = self._handle.mapFromGlobal(event.globalPosition().toPoint())
+        if self._requests.release(event) and self._handle.isVisible() and self._handle.rect().contains(at):
             self._open_menu()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
@@ -425,12 +419,7 @@ class Dock(KeyPlace):
         super().hideEvent(event)
         self._panel.set_in_view(False)
 
-    def _on_title_changed(self, title: str) -> None:
-        self.setWindowTitle(title)
-        self.set_place(floating=self._floating, locked=self._float.isHidden())
 
-
-_LEAST = QSize(320, 200)
 _MORE_PX = 34
 _TAB_DRAG_FACTOR = 2  # a click on a tab that slips is not a drag
 
@@ -451,33 +440,33 @@ class DockArea(QWidget):
         self.locked = False
         self._visible: frozenset[PanelName] = frozenset()
         self.placing = DockGeometry()
-        self._bars: list[PanelTabs] = []
+        self.bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
 
     def minimumSizeHint(self) -> QSize:
-        return _LEAST
+        return QSize(320, 200)
 
     def show_tree(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
         """Show the ``visible`` panels of the tree; each has a dock."""
         for name in visible:
-            dock = self.docks[name]
-            if dock.parentWidget() is not self:
-                self._adopt(dock)
+            if self.docks[name].parentWidget() is not self:
+                self.adopt(self.docks[name])
         self.whole_tree, self._visible = tree, visible
         self.lay_out()
 
-    def _adopt(self, dock: Dock) -> None:
-        """Take a dock from another window."""
+    def adopt(self, dock: Dock) -> None:
+        """Take a dock from another window, below the popups."""
         dock.setParent(self)
-        dock.lower()  # below popups
+        dock.lower()
 
     def lay_out(self) -> None:
-        tree = self.whole_tree
-        self.placing = DockGeometry() if tree is None else place(tree, self.rect(), self._visible, self._least)
+        self.placing = DockGeometry()
+        if self.whole_tree is not None:
+            self.placing = place(self.whole_tree, self.rect(), self._visible, lambda name: self.docks[name].least())
         tabbed = [group for group in self.placing.groups if group.tabbed]
-        layouts.adjust_count(self._bars, len(tabbed), self._new_bar)
-        for bar, group in zip(self._bars, tabbed, strict=True):
-            bar.show_group(group, [self.docks[name].windowTitle() for name in group.panels])
+        layouts.adjust_count(self.bars, len(tabbed), lambda: PanelTabs(self.docks, self.requests, self))
+        for bar, group in zip(self.bars, tabbed, strict=True):
+            bar.show_group(group)
         layouts.adjust_count(self._handles, len(self.placing.handles), self._new_handle)
         for widget, handle in zip(self._handles, self.placing.handles, strict=True):
             widget.show_handle(handle, locked=self.locked)
@@ -496,51 +485,30 @@ class DockArea(QWidget):
         tabs of removed panels disappear.
         """
         self.whole_tree, self._visible = tree, visible
-        for bar in [bar for bar in self._bars if not visible.issuperset(bar.panels)]:
-            self._bars.remove(bar)
+        for bar in [bar for bar in self.bars if not visible.issuperset(bar.panels)]:
+            self.bars.remove(bar)
             layouts.discard(bar)
-
-    def _least(self, name: PanelName) -> tuple[int, int]:
-        return self.docks[name].least()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.lay_out()
 
-    def retitle(self) -> None:
-        """Update the tab titles."""
-        for bar in self._bars:
-            bar.show_titles([self.docks[name].windowTitle() for name in bar.panels])
-
-    # ---- tabs and split handles
-
-    def _new_bar(self) -> "PanelTabs":
-        bar = PanelTabs(self.requests, self)
-        bar.show()
-        bar.lower()
-        return bar
-
     def _new_handle(self) -> "SplitHandle":
         handle = SplitHandle(self)
         handle.moved.connect(self._on_handle_moved)
-        handle.show()
-        handle.lower()
         return handle
 
     def _on_handle_moved(self, handle: Handle, moved_px: int, let_go: bool) -> None:
         if self.whole_tree is not None:
             self.resized_by_hand.emit(handle.path, dragged(self.whole_tree, handle, moved_px), let_go)
 
-    @property
-    def bars(self) -> Sequence["PanelTabs"]:
-        return self._bars
-
 
 class PanelTabs(Bar, QTabBar):
     """Tab bar of a group. Dragging a tab moves that panel only."""
 
-    def __init__(self, requests: DockRequests, parent: QWidget) -> None:
+    def __init__(self, docks: Mapping[PanelName, Dock], requests: DockRequests, parent: QWidget) -> None:
         super().__init__(parent)
+        self._docks = docks
         self._requests = requests
         self.panels: tuple[PanelName, ...] = ()
         self.setExpanding(False)
@@ -555,20 +523,26 @@ class PanelTabs(Bar, QTabBar):
         self._more.hide()
         self.setAccessibleName(tr("Panels in tabs"))
         self.currentChanged.connect(self._on_current_changed)
+        self.lower()  # below the popups
+        self.show()
 
-    def show_group(self, group: GroupPlace, titles: Sequence[str]) -> None:
-        blocked = self.blockSignals(True)
-        if group.panels != self.panels:
-            self.panels = group.panels
-            while self.count():
-                self.removeTab(0)
-            for title in titles:
-                self.addTab(title)
-        self.show_titles(titles)
-        self.setCurrentIndex(group.panels.index(group.current))
-        self.setGeometry(group.tab_bar)
-        self._show_what_fits()
-        self.blockSignals(blocked)
+    def show_group(self, group: GroupPlace) -> None:
+        with QSignalBlocker(self):
+            if group.panels != self.panels:
+                self.panels = group.panels
+                while self.count():
+                    self.removeTab(0)
+                for _name in self.panels:
+                    self.addTab("")
+            self.show_titles()
+            self.setCurrentIndex(group.panels.index(group.current))
+            self.setGeometry(group.tab_bar)
+            self._show_what_fits()
+
+    def show_titles(self) -> None:
+        for index, name in enumerate(self.panels):
+            if self.tabText(index) != self._docks[name].windowTitle():
+                self.setTabText(index, self._docks[name].windowTitle())
 
     def _show_what_fits(self) -> None:
         """Show as many whole tabs as fit, always including the current one; the list has the others."""
@@ -583,7 +557,7 @@ class PanelTabs(Bar, QTabBar):
             room -= widths[index]
             self.setTabVisible(index, room >= 0)
         self._more.setGeometry(self.width() - _MORE_PX, 2, _MORE_PX, self.height() - 6)
-        words = tr("More tabs: {names}").format(names=", ".join(self.tabText(index) for index in self._in_list()))
+        words = tr("More tabs: {names}").format(names=", ".join(map(self.tabText, self._in_list())))
         self._more.setToolTip(words)
         self._more.setAccessibleName(words)
         self._more.show()
@@ -604,11 +578,6 @@ class PanelTabs(Bar, QTabBar):
 
     def minimumTabSizeHint(self, index: int) -> QSize:
         return self.tabSizeHint(index)
-
-    def show_titles(self, titles: Sequence[str]) -> None:
-        for index, title in enumerate(titles):
-            if self.tabText(index) != title:
-                self.setTabText(index, title)
 
     def place_of(self, at: QPoint, panel: PanelName) -> int:
         """Tab index for a drop at this point, not counting the panel itself."""
@@ -653,6 +622,8 @@ class SplitHandle(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._handle: Handle | None = None
         self._from: tuple[Handle, int] | None = None
+        self.lower()
+        self.show()
 
     def show_handle(self, handle: Handle, *, locked: bool) -> None:
         self._handle = handle
@@ -662,8 +633,8 @@ class SplitHandle(QWidget):
         self.setCursor(Qt.CursorShape.ArrowCursor if locked else shape)
 
     def _position(self, event: QMouseEvent, handle: Handle) -> int:
-        at = event.globalPosition()
-        return round(at.x() if handle.split == "horizontal" else at.y())
+        at = event.globalPosition().toPoint()
+        return at.x() if handle.split == "horizontal" else at.y()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and self._handle is not None:

@@ -2,7 +2,7 @@
 screen size: panels are folded into tabs on small screens and spread on large ones.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
 
 from PySide6.QtCore import QRect, QSize
@@ -21,17 +21,17 @@ from caris_desktop.ui.dock_layout import (
     with_weights,
     without,
 )
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 
 GAP_PX = 8
 TAB_BAR_PX = 36
-TITLE_PX = 38
 _EDGE_PX = 18  # this near to the outer edge, a drop goes to that edge of the whole area
 _SIDE_SHARE = 0.28  # share of a group's width or height in which a drop goes to that side
 
 Room = tuple[int, int]
 """Width and height in pixels."""
 RoomOf = Callable[[PanelName], Room]
-_SQUEEZED: Room = (140, TITLE_PX)  # minimum that always remains of a panel: its title bar
+_SQUEEZED: Room = (140, TITLE_HEIGHT_PX)  # minimum that always remains of a panel: its title bar
 
 
 class GroupPlace(Value):
@@ -82,17 +82,18 @@ class DockGeometry(Value):
         return next((group for group in self.groups if panel in group.panels), None)
 
 
+def _visible_children(split: SplitNode, visible: Collection[str]) -> list[int]:
+    """Indices of the children with a visible panel."""
+    return [i for i, child in enumerate(split.children) if any(panel in visible for panel in panels_in(child))]
+
+
 def least_room(node: LayoutNode, visible: Collection[str], least: RoomOf) -> Room:
     """Minimum size of the visible panels of a tree."""
     if not isinstance(node, SplitNode):
         rooms = [least(panel) for panel in panels_in(node) if panel in visible]
         bar = TAB_BAR_PX if len(rooms) > 1 else 0
         return (max((room[0] for room in rooms), default=0), max((room[1] for room in rooms), default=0) + bar)
-    rooms = [
-        least_room(child, visible, least)
-        for child in node.children
-        if any(panel in visible for panel in panels_in(child))
-    ]
+    rooms = [least_room(node.children[i], visible, least) for i in _visible_children(node, visible)]
     gaps = GAP_PX * max(0, len(rooms) - 1)
     widths, heights = [room[0] for room in rooms], [room[1] for room in rooms]
     if node.split == "horizontal":
@@ -133,49 +134,39 @@ def _whole_pixels(parts: Sequence[float], total_px: int) -> list[int]:
     return [max(0, edges[i + 1] - edges[i]) for i in range(len(parts))]
 
 
-def place(node: LayoutNode, rect: QRect, visible: Collection[str], least: RoomOf) -> DockGeometry:
+def place(whole: LayoutNode, area: QRect, visible: Collection[str], least: RoomOf) -> DockGeometry:
     """Lay out the ``visible`` panels of a tree."""
     groups: list[GroupPlace] = []
     handles: list[Handle] = []
-    for part in _placed(node, rect, visible, least, ()):
-        (groups if isinstance(part, GroupPlace) else handles).append(part)  # type: ignore[arg-type]
+
+    def lay(node: LayoutNode, rect: QRect, path: tuple[int, ...]) -> None:
+        if not isinstance(node, SplitNode):
+            panels = tuple(panel for panel in panels_in(node) if panel in visible)
+            if panels:
+                groups.append(GroupPlace(panels, front_of(node) if front_of(node) in panels else panels[0], rect))
+            return
+        indices = _visible_children(node, visible)
+        axis = 0 if node.split == "horizontal" else 1
+        room_px = max(0, (rect.width(), rect.height())[axis] - GAP_PX * (len(indices) - 1))
+        needs = [least_room(node.children[i], visible, least)[axis] for i in indices]
+        given = lengths(room_px, [shares(node)[i] for i in indices], needs, _SQUEEZED[axis]) if indices else []
+        at = (rect.left(), rect.top())[axis]
+        for number, (i, length) in enumerate(zip(indices, given, strict=True)):
+            if number:
+                before, lengths_of = indices[number - 1], tuple(zip(indices, given, strict=True))
+                gap = _slice(rect, axis, at, GAP_PX)
+                handles.append(Handle(path, before, i, node.split, gap, lengths_of, (needs[number - 1], needs[number])))
+                at += GAP_PX
+            lay(node.children[i], _slice(rect, axis, at, length), (*path, i))
+            at += length
+
+    lay(whole, area, ())
     return DockGeometry(tuple(groups), tuple(handles))
 
 
-def _placed(
-    node: LayoutNode, rect: QRect, visible: Collection[str], least: RoomOf, path: tuple[int, ...]
-) -> Iterator[GroupPlace | Handle]:
-    if not isinstance(node, SplitNode):
-        panels = tuple(panel for panel in panels_in(node) if panel in visible)
-        if panels:
-            current = None if isinstance(node, PanelLeaf) else node.current
-            yield GroupPlace(panels, current if current in panels else panels[0], rect)
-        return
-    indices = [i for i, child in enumerate(node.children) if any(panel in visible for panel in panels_in(child))]
-    if not indices:
-        return
-    across = node.split == "horizontal"
-    room_px = (rect.width() if across else rect.height()) - GAP_PX * (len(indices) - 1)
-    part_of = shares(node)
-    needs = [least_room(node.children[i], visible, least)[0 if across else 1] for i in indices]
-    given = lengths(max(0, room_px), [part_of[i] for i in indices], needs, _SQUEEZED[0 if across else 1])
-    at = rect.left() if across else rect.top()
-    for number, (i, length) in enumerate(zip(indices, given, strict=True)):
-        part = _slice(rect, node.split, at, length)
-        yield from _placed(node.children[i], part, visible, least, (*path, i))
-        at += length
-        if number + 1 < len(indices):
-            gap = _slice(rect, node.split, at, GAP_PX)
-            had = tuple(zip(indices, given, strict=True))
-            yield Handle(path, i, indices[number + 1], node.split, gap, had, (needs[number], needs[number + 1]))
-            at += GAP_PX
-
-
-def _slice(rect: QRect, split: str, at: int, length: int) -> QRect:
-    """Part of ``rect`` from ``at`` on, along the direction of the split."""
-    if split == "horizontal":
-        return QRect(at, rect.top(), length, rect.height())
-    return QRect(rect.left(), at, rect.width(), length)
+def _slice(rect: QRect, axis: int, at: int, length: int) -> QRect:
+    """Part of ``rect`` from ``at`` on, across (axis 0) or down."""
+    return QRect(at, rect.top(), length, rect.height()) if axis == 0 else QRect(rect.left(), at, rect.width(), length)
 
 
 def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...]:
@@ -202,11 +193,11 @@ def grown(
     """
     at = path_of(node, panel)
     around = [
-        (handle, handle.before == at[len(handle.path)])
+        (handle, handle.before == at[depth])
         for handle in placing.handles
-        if len(handle.path) < len(at)
-        and handle.path == at[: len(handle.path)]
-        and at[len(handle.path)] in (handle.before, handle.after)
+        if (depth := len(handle.path)) < len(at)
+        and handle.path == at[:depth]
+        and at[depth] in (handle.before, handle.after)
     ]
     for handle, is_before in sorted(around, key=lambda each: (-len(each[0].path), not each[1])):
         weights = dragged(node, handle, by_px if is_before else -by_px)
@@ -221,7 +212,6 @@ class Drop(Value):
     beside: PanelName | None
     side: Side
     mark: QRect
-    at: int | None = None
 
 
 def drop_at(placing: DockGeometry, rect: QRect, x: int, y: int, panel: PanelName) -> Drop | None:
@@ -239,20 +229,17 @@ def drop_at(placing: DockGeometry, rect: QRect, x: int, y: int, panel: PanelName
     others = [each for each in group.panels if each != panel]
     if not others:
         return None
-    head = QRect(group.rect.left(), group.rect.top(), group.rect.width(), TAB_BAR_PX)
-    if head.contains(x, y):
-        return Drop(others[0], "tab", group.rect, None if not group.tabbed else -1)
-    wide, high = group.rect.width() or 1, group.rect.height() or 1
-    nearest, part = min(
-        ((side, px / (wide if side in ("left", "right") else high)) for side, px in _edges(group.rect, x, y)),
-        key=lambda each: each[1],
-    )
-    if part < _SIDE_SHARE:
+    width, height = group.rect.width(), group.rect.height()
+    part = {side: px / (width if side in ("left", "right") else height) for side, px in _edges(group.rect, x, y)}
+    nearest = min(part, key=part.__getitem__)
+    in_title = y < group.rect.top() + TAB_BAR_PX
+    if part[nearest] < _SIDE_SHARE and not in_title:
         return Drop(others[0], nearest, _half(group.rect, nearest, 0.5))
-    return None if panel in group.panels else Drop(others[0], "tab", group.rect)
+    return Drop(others[0], "tab", group.rect) if in_title or panel not in group.panels else None
 
 
 def _edges(rect: QRect, x: int, y: int) -> tuple[tuple[Side, int], ...]:
+    """Distance to each side."""
     return (
         ("left", x - rect.left()),
         ("right", rect.right() - x),
@@ -262,13 +249,15 @@ def _edges(rect: QRect, x: int, y: int) -> tuple[tuple[Side, int], ...]:
 
 
 def _half(rect: QRect, side: Side, share: float) -> QRect:
-    wide, high = round(rect.width() * share), round(rect.height() * share)
-    half = QRect(rect.topLeft(), QSize(wide, rect.height()) if side in ("left", "right") else QSize(rect.width(), high))
-    if side == "right":
-        half.moveRight(rect.right())
-    elif side == "below":
-        half.moveBottom(rect.bottom())
-    return half
+    """Part of ``rect`` along a side of it."""
+    rest_x, rest_y = rect.width() - round(rect.width() * share), rect.height() - round(rect.height() * share)
+    cuts = {
+        "left": (0, 0, -rest_x, 0),
+        "right": (rest_x, 0, 0, 0),
+        "above": (0, 0, 0, -rest_y),
+        "below": (0, rest_y, 0, 0),
+    }
+    return rect.adjusted(*cuts[side])
 
 
 COMPACT_BELOW: Room = (1500, 700)  # A 1366x768 screen leaves about 1350x630 for panels.
@@ -300,6 +289,7 @@ IMPORTANCE: tuple[PanelName, ...] = (
 ALWAYS_SEEN = 3  # this many of the most important panels are never folded; they shrink instead
 _OTHER_ROOM: Room = (280, 200)
 _LEAST_PICTURE: Room = (200, 150)
+_DIRECTIONS: tuple[Literal["horizontal", "vertical"], ...] = ("horizontal", "vertical")
 _ENOUGH = 0.85  # of the possible height of a picture: with less, what lies beside it becomes a tab
 
 
@@ -481,14 +471,13 @@ def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
         return SplitNode(node.split, children, node.weights)
     if isinstance(node, PanelLeaf):
         return node
-    for axis, split in ((0, "horizontal"), (1, "vertical")):
+    for axis, split in enumerate(_DIRECTIONS):
         for alone in range(len(node.tabs) - 1, 0, -1):
             parts = _first_alone(node, alone)
             across = max(_need(part, 1 - axis) for part in parts)
             along = sum(_need(part, axis) for part in parts) + GAP_PX * (len(parts) - 1)
             if along <= (width, height)[axis] and across <= (width, height)[1 - axis]:
-                needs = tuple(float(_need(part, axis)) for part in parts)
-                return SplitNode("horizontal" if split == "horizontal" else "vertical", parts, needs)
+                return SplitNode(split, parts, tuple(float(_need(part, axis)) for part in parts))
     return node
 
 
@@ -496,6 +485,4 @@ def _first_alone(node: TabNode, count: int) -> tuple[LayoutNode, ...]:
     """The current and other panels alone, ``count`` in all; the rest in tabs."""
     front = front_of(node)
     ordered = (front, *(panel for panel in node.tabs if panel != front))
-    rest = ordered[count:]
-    last: LayoutNode = PanelLeaf(rest[0]) if len(rest) == 1 else TabNode(rest, rest[0])
-    return (*(PanelLeaf(panel) for panel in ordered[:count]), last)
+    return (*(PanelLeaf(panel) for panel in ordered[:count]), tidy(TabNode(ordered[count:])))

@@ -26,16 +26,13 @@ from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.window_place import WindowAbove
 
 _FLOATING: tuple[int, int] = (480, 360)
-_CASCADE_PX = 36
+_CASCADE_PX, _MARGIN_PX = 36, 8
 _BESIDE_POINTER = QPoint(16, 18)
+_SETTLES_MS = 400  # time for a window manager to add its frame
+_LEAVE_MS = 1
 RESIZE_PX = 48
 """Step in px of resizing by keyboard."""
-_LEAVE_MS = 1
 LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the Layout menu.")
-
-
-_MARGIN_PX = 8
-_SETTLES_MS = 400  # time for a window manager to add its frame
 
 
 class FloatingWindow(PanelWindow, WindowAbove):
@@ -53,8 +50,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         # Shown without activation when a popup closes or the scenario changes; a click activates it.
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.area = DockArea(docks, requests, self)
-        column = layouts.vbox(self, margins_px=_MARGIN_PX)
-        column.addWidget(self.area)
+        layouts.vbox(self, self.area, margins_px=_MARGIN_PX)
         self._placed: QRect | None = None
         self._has_panels = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
@@ -63,9 +59,8 @@ class FloatingWindow(PanelWindow, WindowAbove):
 
     def show_panels(self, tree: LayoutNode, visible: frozenset[PanelName], place: QRect) -> None:
         self.area.show_tree(tree, visible)
-        self.setWindowTitle(
-            " · ".join(self.area.docks[group.current].windowTitle() for group in self.area.placing.groups)
-        )
+        titles = [self.area.docks[group.current].windowTitle() for group in self.area.placing.groups]
+        self.setWindowTitle(" · ".join(titles))
         if place != self._placed:
             self._placed = place
             self._settling.start()
@@ -117,14 +112,13 @@ class DockHost(DockArea):
         self._docks: dict[PanelName, Dock] = {}
         super().__init__(self._docks, None, parent)
         self.setObjectName("dock_host")
-        self._arrangement: DockLayout | None = None
+        self.arrangement: DockLayout | None = None
         self._windows: list[FloatingWindow] = []
         self._drop_mark = QFrame(self)
         self._drop_mark.setObjectName("drop_mark")
         self._drop_mark.hide()
         self._drop_mark.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._drag_words = DragWords(self)
-        self._given_up = False
         self.screens: Callable[[], Sequence[QRect]] = available_screens
         self._before_resize: DockLayout | None = None
         self._leaving: deque[Dock] = deque()
@@ -147,19 +141,15 @@ class DockHost(DockArea):
     # ---- display
 
     @property
-    def arrangement(self) -> DockLayout | None:
-        return self._arrangement
-
-    @property
     def tree(self) -> LayoutNode | None:
         """The layout as saved to a file, without closed panels."""
-        return None if self._arrangement is None else self._arrangement.for_file
+        return None if self.arrangement is None else self.arrangement.for_file
 
     def _delete_next(self) -> None:
-        if not self._leaving:
+        if self._leaving:
+            self._leaving.popleft().deleteLater()
+        else:
             self._leave.stop()
-            return
-        self._leaving.popleft().deleteLater()
 
     def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: DockLayout) -> None:
         """Show ``panels`` in this layout. Existing panels are reused, even if the layout hides them; others are
@@ -168,8 +158,8 @@ class DockHost(DockArea):
         self.drop_all_but(panels)
         for name in arrangement.panels:
             if name not in self._docks:
-                self._docks[name] = self._make_dock(name, panels[name])
-        self._arrangement = arrangement
+                self._make_dock(name, panels[name])
+        self.arrangement = arrangement
         self.show_everything()
         self.layout_changed.emit()
         self._leave.start()
@@ -181,12 +171,12 @@ class DockHost(DockArea):
         unseen = [name for name in self._docks if name not in visible]
         afloat = any(self._docks[name].isFloating() for name in unseen)
         self.drop_all_but(panels)
-        if self._arrangement is not None:
-            self._arrangement = edits.remove(self._arrangement, unseen)
-        if self._arrangement is None or afloat:
+        if self.arrangement is not None:
+            self.arrangement = edits.remove(self.arrangement, unseen)
+        if self.arrangement is None or afloat:
             self.show_everything()
         else:
-            self.leave_room(self._arrangement.tree, self._arrangement.docked)
+            self.leave_room(self.arrangement.tree, self.arrangement.docked)
         for name, dock in self._docks.items():
             if name not in visible:
                 dock.set_shown(False)
@@ -196,15 +186,14 @@ class DockHost(DockArea):
         scenario change does not block the GUI thread.
         """
         removed = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
-        if self._arrangement is not None:
-            self._arrangement = edits.remove(self._arrangement, removed)
+        if self.arrangement is not None:
+            self.arrangement = edits.remove(self.arrangement, removed)
         for name in removed:
             self._forget(name)
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
         """Create a hidden dock for the next layout, or replace the placeholder of this panel."""
-        old = self._docks.pop(name, None)
-        dock = self._docks[name] = self._make_dock(name, panel)
+        old, dock = self._docks.get(name), self._make_dock(name, panel)
         if old is None:
             return
         if old.isVisible() or old.isFloating() or dock.least() != old.least():
@@ -218,19 +207,19 @@ class DockHost(DockArea):
 
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
         """Add a panel as the front tab next to the first open panel of ``beside``, else next to any open one."""
-        if self._arrangement is None:
+        if self.arrangement is None:
             self.show_arrangement({name: panel}, DockLayout(PanelLeaf(name)))
             return
         if name not in self._docks:
-            self._docks[name] = self._make_dock(name, panel)
-        self._do(tr("Open {panel}").format(panel=panel.title), edits.add(self._arrangement, name, beside))
+            self._make_dock(name, panel)
+        self._do(tr("Open {panel}").format(panel=panel.title), edits.add(self.arrangement, name, beside))
 
     def remove_panel(self, name: PanelName) -> bool:
         """Remove and delete the panel; returns whether it was removed."""
-        if self._arrangement is None or name not in self._arrangement.panels:
+        if self.arrangement is None or name not in self.arrangement.panels:
             return False
         with self._keys_in_place_of(name):
-            if not self._change(tr("Close {panel}"), name, lambda layout: edits.remove(layout, (name,))):
+            if not self._change(tr("Close {panel}"), name, lambda layout, name: edits.remove(layout, (name,))):
                 return False
         self._forget(name)
         self._leave.start()
@@ -241,18 +230,17 @@ class DockHost(DockArea):
         """Move the focus of a removed panel to the panel that becomes visible in its place, unless bare keys would
         drive there.
         """
-        had = _holds(self._docks[name], focused_widget())
-        groups = [group.panels for area in self._areas for group in area.placing.groups if name in group.panels]
+        had = self._panel_of(focused_widget()) == name
+        group = next((found for area in self._areas if (found := area.placing.group_of(name)) is not None), None)
         yield
-        visible = next(
-            (other for group in groups for other in group if other != name and self._docks[other].isVisible()), None
-        )
+        panels = () if group is None else group.panels
+        visible = next((other for other in panels if other != name and self._docks[other].isVisible()), None)
         if had and visible is not None and not self._docks[visible].widget().drives:
             self._go_to(visible)
 
     def is_open(self, name: PanelName) -> bool:
         """Whether the panel is open, even if behind another tab."""
-        return self._arrangement is not None and self._arrangement.is_shown(name)
+        return self.arrangement is not None and self.arrangement.is_shown(name)
 
     def _forget(self, name: PanelName) -> None:
         dock = self._docks.pop(name)
@@ -263,32 +251,27 @@ class DockHost(DockArea):
 
     def _make_dock(self, name: PanelName, panel: Panel) -> Dock:
         # Created with a parent: otherwise it briefly is a top-level window and takes the activation.
-        dock = Dock(name, panel, self.requests, self)
+        dock = self._docks[name] = Dock(name, panel, self.requests, self)
         dock.lower()
         dock.hide()
-        panel.title_changed.connect(self._retitle)
+        panel.title_changed.connect(self.retitle)
         return dock
 
     def show_everything(self) -> None:
         """Apply the layout on the current screens. A focused widget stays focused as long as it is visible."""
-        focused = focused_widget()
-        focused_before = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
+        focused = focused_widget() if self._panel_of(focused_widget()) is not None else None
         self._show_arranged()
-        if focused_before is not None and focused_before.isVisible() and not focused_before.hasFocus():
-            focus_widget(focused_before, Qt.FocusReason.OtherFocusReason)
+        if focused is not None and focused.isVisible() and not focused.hasFocus():
+            focus_widget(focused, Qt.FocusReason.OtherFocusReason)
 
     def _show_arranged(self) -> None:
-        arrangement = self._arrangement
-        floating = () if arrangement is None else arrangement.floating
-        while len(self._windows) > len(floating):
-            window = self._windows.pop()
+        arrangement = self.arrangement
+        floating = () if arrangement is None else edits.clamped(arrangement, self.screens()).floating
+        for window in self._windows[len(floating) :]:
             for dock in self._docks.values():
                 if dock.parentWidget() is window.area:
-                    dock.setParent(self)
-                    dock.lower()
-            layouts.discard(window)
-        while len(self._windows) < len(floating):
-            self._windows.append(self._new_window(len(self._windows)))
+                    self.adopt(dock)
+        layouts.adjust_count(self._windows, len(floating), self._new_window)
         if arrangement is None:
             self.show_tree(None, frozenset())
             return
@@ -299,21 +282,22 @@ class DockHost(DockArea):
                 dock.set_shown(False)
         self.show_tree(arrangement.tree, arrangement.docked)
         # The stored layout stays unchanged: the other screen may be connected again later.
-        for window, target in zip(self._windows, edits.clamped(arrangement, self.screens()).floating, strict=True):
+        for window, target in zip(self._windows, floating, strict=True):
             window.area.locked = self.locked
-            visible = frozenset(panels_in(target.tree)) - arrangement.hidden
-            window.show_panels(target.tree, visible, target.place)
+            window.show_panels(target.tree, frozenset(panels_in(target.tree)) - arrangement.hidden, target.place)
 
-    def _new_window(self, index: int) -> FloatingWindow:
+    def _new_window(self) -> FloatingWindow:
         window = FloatingWindow(self._docks, self.requests, self)
+        index = len(self._windows)
         window.area.resized_by_hand.connect(partial(self._on_resized_by_hand, index))
         window.moved_by_hand.connect(partial(self._on_window_moved, index))
         window.close_requested.connect(partial(self._dock_all_of, index))
         return window
 
-    def _retitle(self) -> None:
-        for area in self._areas:
-            area.retitle()
+    def retitle(self) -> None:
+        """Update the tab titles."""
+        for bar in (bar for area in self._areas for bar in area.bars):
+            bar.show_titles()
 
     @property
     def _areas(self) -> tuple[DockArea, ...]:
@@ -338,7 +322,7 @@ class DockHost(DockArea):
 
     def edit(self, description: str, after: DockLayout | None) -> bool:
         """Apply the wizard's edit ``description``; returns whether it was applied."""
-        if after is None or after == self._arrangement:
+        if after is None or after == self.arrangement:
             return False
         if self.locked:
             self.refused.emit(tr(LOCKED))
@@ -350,16 +334,17 @@ class DockHost(DockArea):
         self,
         description: str,
         name: PanelName,
-        change: Callable[[DockLayout], DockLayout | None],
-        *,
+        change: Callable[..., DockLayout | None],
+        *arguments: object,
         focus: bool = False,
     ) -> bool:
-        """Apply an edit of one panel, whose title goes into ``description``, and focus the panel if it is to have the
-        keys then. Returns whether it was applied.
+        """Apply the ``change`` of one panel, whose title goes into ``description``, and focus the panel if it is to
+        have the keys then. Returns whether it was applied.
         """
-        if self._arrangement is None or name not in self._arrangement.panels:
+        if self.arrangement is None or name not in self.arrangement.panels:
             return False
-        changed = self.edit(description.format(panel=self._title(name)), change(self._arrangement))
+        after = change(self.arrangement, name, *arguments)
+        changed = self.edit(description.format(panel=self._title(name)), after)
         if changed and focus:
             self._go_to(name)
         return changed
@@ -367,8 +352,14 @@ class DockHost(DockArea):
     def panel_with_keys(self) -> PanelName | None:
         """The focused panel of the active window, else of the main window."""
         windows = [QApplication.activeWindow(), self.window()]
-        focused = [window.focusWidget() for window in windows if window is not None]
-        return next((name for each in focused for name, dock in self._docks.items() if _holds(dock, each)), None)
+        found = [self._panel_of(window.focusWidget()) for window in windows if window is not None]
+        return next(filter(None, found), None)
+
+    def _panel_of(self, widget: QWidget | None) -> PanelName | None:
+        """The panel whose dock has the widget inside."""
+        if widget is None:
+            return None
+        return next((name for name, dock in self._docks.items() if dock.isAncestorOf(widget)), None)
 
     def _go_to(self, name: PanelName) -> None:
         """Raise the panel's tab and focus its main field."""
@@ -377,7 +368,7 @@ class DockHost(DockArea):
             focus_widget(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
 
     def _do(self, description: str, after: DockLayout) -> None:
-        before, self._arrangement = self._arrangement, after
+        before, self.arrangement = self.arrangement, after
         self.show_everything()
         self.edited.emit(description, before)
         self.layout_changed.emit()
@@ -386,11 +377,11 @@ class DockHost(DockArea):
         """Hide the panel; ``show_panel`` restores it at the same place."""
         if self.is_open(name):
             with self._keys_in_place_of(name):
-                self._change(tr("Close {panel}"), name, lambda layout: edits.hide(layout, name))
+                self._change(tr("Close {panel}"), name, edits.hide)
 
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed, and raise its tab."""
-        arrangement = self._arrangement
+        arrangement = self.arrangement
         if arrangement is None or name not in arrangement.panels:
             return
         if not arrangement.is_shown(name):
@@ -406,27 +397,25 @@ class DockHost(DockArea):
             place = QRect(at, dock.size().expandedTo(QSize(*COMFORT.get(name, _FLOATING))))
         if place is not None:
             on_screen = on_a_screen(place, self.screens())
-            self._change(
-                tr("Float {panel}"), name, lambda layout: edits.float_panel(layout, name, on_screen), focus=True
-            )
+            self._change(tr("Float {panel}"), name, edits.float_panel, on_screen, focus=True)
 
     def dock_panel(self, name: PanelName) -> None:
         """Dock a floating panel where it was before."""
-        self._change(tr("Dock {panel}"), name, lambda layout: edits.dock(layout, name), focus=True)
+        self._change(tr("Dock {panel}"), name, edits.dock, focus=True)
 
     def toggle_floating(self, name: PanelName) -> None:
-        if self._arrangement is not None and name in self._arrangement.afloat:
+        if self.arrangement is not None and name in self.arrangement.afloat:
             self.dock_panel(name)
         else:
             self.float_panel(name)
 
     def move_panel(self, name: PanelName, beside: PanelName, side: Side, at: int | None = None) -> None:
         """Move the panel next to another one or into its tab group."""
-        self._change(tr("Move {panel}"), name, lambda layout: edits.move(layout, name, beside, side, at), focus=True)
+        self._change(tr("Move {panel}"), name, edits.move, beside, side, at, focus=True)
 
     def resized(self, name: PanelName, by_px: int) -> DockLayout | None:
         """Layout with the panel larger by this much, or smaller if negative; None if its neighbours leave no room."""
-        arrangement, area = self._arrangement, self._docks[name].parentWidget() if name in self._docks else None
+        arrangement, area = self.arrangement, self._docks[name].parentWidget() if name in self._docks else None
         if arrangement is None or not arrangement.is_shown(name) or not isinstance(area, DockArea):
             return None
         found = None if area.whole_tree is None else grown(area.whole_tree, area.placing, name, by_px)
@@ -435,54 +424,53 @@ class DockHost(DockArea):
     def resize_panel(self, name: PanelName, by_px: int) -> None:
         """Make the panel larger, or smaller if negative."""
         words = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
-        self._change(words, name, lambda _layout: self.resized(name, by_px))
+        self._change(words, name, lambda _layout, name: self.resized(name, by_px))
 
     def _title(self, name: PanelName) -> str:
         return self._docks[name].widget().title
 
     def _on_tab_chosen(self, name: PanelName) -> None:
         """Selecting a tab changes the layout but is not an edit that can be undone."""
-        if self._arrangement is None:
+        if self.arrangement is None:
             return
-        after = edits.select(self._arrangement, name)
-        if after != self._arrangement:
-            self._arrangement = after
+        after = edits.select(self.arrangement, name)
+        if after != self.arrangement:
+            self.arrangement = after
             self.show_everything()
             self.layout_changed.emit()
 
     def _on_resized_by_hand(
         self, window: int | None, path: tuple[int, ...], weights: tuple[float, ...], let_go: bool
     ) -> None:
-        if self._arrangement is None or self.locked:
+        if self.arrangement is None or self.locked:
             return
         if self._before_resize is None:
-            self._before_resize = self._arrangement
-        self._arrangement = edits.resize(self._arrangement, window, path, weights)
+            self._before_resize = self.arrangement
+        self.arrangement = edits.resize(self.arrangement, window, path, weights)
         area = self if window is None else self._windows[window].area
-        tree = self._arrangement.tree if window is None else self._arrangement.floating[window].tree
-        area.whole_tree = tree
+        area.whole_tree = (self.arrangement if window is None else self.arrangement.floating[window]).tree
         area.lay_out()
         if let_go:
             before, self._before_resize = self._before_resize, None
-            if before != self._arrangement:
+            if before != self.arrangement:
                 self.edited.emit(tr("Resize panels"), before)
                 self.layout_changed.emit()
 
     def _on_window_moved(self, index: int, place: QRect) -> None:
-        if self._arrangement is None or index >= len(self._arrangement.floating):
+        if self.arrangement is None or index >= len(self.arrangement.floating):
             return
         if self.locked:
             self.show_everything()  # snap back
             self.refused.emit(tr(LOCKED))
             return
-        self._arrangement = edits.place_window(self._arrangement, index, place)
+        self.arrangement = edits.place_window(self.arrangement, index, place)
         self.layout_changed.emit()
 
     def _dock_all_of(self, index: int) -> None:
         """Dock the panels of a floating window that was closed by its title bar."""
-        if self._arrangement is None or index >= len(self._arrangement.floating):
+        if self.arrangement is None or index >= len(self.arrangement.floating):
             return
-        after = self._arrangement
+        after = self.arrangement
         for name in panels_in(after.floating[index].tree):
             after = edits.dock(after, name)
         self.edit(tr("Dock panels"), after)
@@ -493,26 +481,17 @@ class DockHost(DockArea):
         """The dock area under the pointer, floating windows first, with the drop that releasing there would cause."""
         for area in self._areas:
             inside = area.mapFromGlobal(at)
-            if not area.isVisible() or not area.rect().contains(inside):
-                continue
-            drop = drop_at(area.placing, area.rect(), inside.x(), inside.y(), name)
-            if drop is not None and drop.side == "tab" and drop.at is not None:
-                bar = next((bar for bar in area.bars if drop.beside in bar.panels), None)
-                place = None if bar is None else bar.place_of(bar.mapFromGlobal(at), name)
-                drop = Drop(drop.beside, drop.side, drop.mark, place)
-            if drop is not None and drop.beside is None and area is not self:
-                drop = None
-            return area, drop
+            if area.isVisible() and area.rect().contains(inside):
+                drop = drop_at(area.placing, area.rect(), inside.x(), inside.y(), name)
+                return area, None if drop is not None and drop.beside is None and area is not self else drop
         return None
 
     def _on_drag_moved(self, name: PanelName, at: QPoint) -> None:
-        if self._given_up:
-            return
         if self.locked:
             self._drag_words.show_at(at, tr("The layout is locked"))
             return
         found = self._drop_at(name, at)
-        area, drop = found if found is not None else (self, None)
+        area, drop = found or (self, None)
         self._drop_mark.hide()
         if drop is not None:
             if self._drop_mark.parentWidget() is not area:
@@ -520,45 +499,37 @@ class DockHost(DockArea):
             self._drop_mark.setGeometry(drop.mark)
             self._drop_mark.raise_()
             self._drop_mark.show()
-        self._drag_words.show_at(at, self._what_drops(name, found))
-
-    def _what_drops(self, name: PanelName, found: tuple[DockArea, Drop | None] | None) -> str:
-        title = self._title(name)
-        if found is None:
-            return tr("{panel}: in a separate window").format(panel=title)
-        drop = found[1]
-        if drop is None:
-            return tr("{panel}: stays here").format(panel=title)
-        if drop.beside is None:
-            return tr("{panel}: along the entire edge").format(panel=title)
-        if drop.side == "tab":
-            return tr("{panel}: as a tab with {other}").format(panel=title, other=self._title(drop.beside))
-        return tr(_BESIDE[drop.side]).format(panel=title, other=self._title(drop.beside))
+        words = tr("{panel}: in a separate window") if found is None else tr("{panel}: stays here")
+        if drop is not None:
+            words = tr(_DROP_WORDS[None if drop.beside is None else drop.side])
+        other = "" if drop is None or drop.beside is None else self._title(drop.beside)
+        self._drag_words.show_at(at, words.format(panel=self._title(name), other=other))
 
     def _on_drag_dropped(self, name: PanelName, at: QPoint) -> None:
-        self._drop_mark.hide()
-        self._drop_mark.setParent(self)
-        self._drag_words.hide()
-        given_up, self._given_up = self._given_up, False
-        if given_up or self._arrangement is None:
-            return
+        self._end_drag()
         found = self._drop_at(name, at)
         if found is None:
             self.float_panel(name, QRect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING)))
-        elif found[1] is not None:
-            drop = found[1]
-            if drop.beside is None:
-                to_edge = partial(edits.move_to_edge, panel=name, side=drop.side)
-                self._change(tr("Move {panel}"), name, to_edge, focus=True)
-            else:
-                self.move_panel(name, drop.beside, drop.side, drop.at)
+            return
+        area, drop = found
+        if drop is not None and drop.beside is None:
+            self._change(tr("Move {panel}"), name, edits.move_to_edge, drop.side, focus=True)
+        elif drop is not None and drop.beside is not None:
+            # A group has its tab bar above the panels; a panel that is dropped on it goes between its tabs.
+            bar = next((bar for bar in area.bars if bar.rect().contains(bar.mapFromGlobal(at))), None)
+            index = None if bar is None or drop.side != "tab" else bar.place_of(bar.mapFromGlobal(at), name)
+            self.move_panel(name, drop.beside, drop.side, index)
+
+    def _end_drag(self) -> None:
+        self._drop_mark.hide()
+        self._drop_mark.setParent(self)
+        self._drag_words.hide()
 
     def give_up(self) -> None:
         """Esc: cancel the drag."""
         if self._drag_words.isVisible():
-            self._given_up = True
-            self._drag_words.hide()
-            self._drop_mark.hide()
+            self.requests.cancel()
+            self._end_drag()
 
     # ---- a panel's menu
 
@@ -571,11 +542,12 @@ class DockHost(DockArea):
 
     def fill_menu(self, menu: QMenu, name: PanelName) -> None:
         """Fill the panel's context menu; all entries work by keyboard."""
-        arrangement = self._arrangement
+        arrangement = self.arrangement
         if arrangement is None:
             return
-        afloat = name in arrangement.afloat
-        floats = menu.addAction(tr("Dock in the main window") if afloat else tr("Open in a separate window"))
+        floats = menu.addAction(
+            tr("Dock in the main window") if name in arrangement.afloat else tr("Open in a separate window")
+        )
         floats.triggered.connect(lambda: self.toggle_floating(name))
         for words, by_px in ((tr("Larger"), RESIZE_PX), (tr("Smaller"), -RESIZE_PX)):
             resizes = menu.addAction(words)
@@ -598,10 +570,6 @@ class DockHost(DockArea):
             menu.addSection(tr("The layout is locked"))
 
 
-def _holds(dock: Dock, widget: QWidget | None) -> bool:
-    return widget is not None and dock.isAncestorOf(widget)
-
-
 _MENU_SIDES: Mapping[Side, str] = {
     "tab": QT_TR_NOOP("As a tab with"),
     "left": QT_TR_NOOP("Left of"),
@@ -609,7 +577,9 @@ _MENU_SIDES: Mapping[Side, str] = {
     "above": QT_TR_NOOP("Above"),
     "below": QT_TR_NOOP("Below"),
 }
-_BESIDE: Mapping[Side, str] = {
+_DROP_WORDS: Mapping[Side | None, str] = {
+    None: QT_TR_NOOP("{panel}: along the entire edge"),
+    "tab": QT_TR_NOOP("{panel}: as a tab with {other}"),
     "left": QT_TR_NOOP("{panel}: left of {other}"),
     "right": QT_TR_NOOP("{panel}: right of {other}"),
     "above": QT_TR_NOOP("{panel}: above {other}"),

@@ -10,9 +10,10 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, place
+from caris_desktop.ui.dock_geometry import GroupPlace, place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import card_place, in_the_corner
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from tests.support.window_check import text_flaws
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole
@@ -50,7 +51,7 @@ def test_the_least_missed_panel_has_them_below_its_title(
     found = card_place(groups, lambda _width: 150)
     assert found is not None
     room = next(group.body for group in groups if group.current == chosen)
-    assert _inside(found, room) and found.top() >= room.top() + TITLE_PX
+    assert _inside(found, room) and found.top() >= room.top() + TITLE_HEIGHT_PX
     assert (found.top() - room.top() < room.bottom() - found.bottom()) is upper
 
 
@@ -103,7 +104,7 @@ def test_behind_a_tab_nothing_is_covered() -> None:
     groups = groups_of(tree, "speak", "map", "session")
     found = card_place(groups, lambda _width: 150)
     assert found is not None and found.left() > 650
-    assert found.top() > groups[1].tab_bar.bottom() + TITLE_PX
+    assert found.top() > groups[1].tab_bar.bottom() + TITLE_HEIGHT_PX
 
 
 def test_cards_are_on_no_title_and_older_ones_say_only_what_it_is(window: MainWindow, console: FakeConsole) -> None:
