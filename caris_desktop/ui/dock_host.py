@@ -10,8 +10,8 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 
-from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QMoveEvent, QResizeEvent, QShowEvent
+from PySide6.QtCore import QEvent, QPoint, QRect, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QFrame, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -52,7 +52,6 @@ class FloatingWindow(PanelWindow, WindowAbove):
         self.area = DockArea(docks, requests, self)
         layouts.vbox(self, self.area, margins_px=_MARGIN_PX)
         self._placed: QRect | None = None
-        self._has_panels = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
         self._rest = QTimer(self, singleShot=True, interval=200)
         self._rest.timeout.connect(self._notify)
@@ -65,31 +64,24 @@ class FloatingWindow(PanelWindow, WindowAbove):
             self._placed = place
             self._settling.start()
             self.setGeometry(place)
-        self._has_panels = bool(visible)
-        self.setVisible(self._has_panels and not self.is_back)
+        self.setVisible(bool(visible) and not self.is_back)
 
     def step_back(self, *, back: bool) -> None:
         super().step_back(back=back)
         self._settling.start()  # geometry changes by the window manager are not the wizard's
         if not back and self._placed is not None:
             self.setGeometry(self._placed)
-        self.setVisible(self._has_panels and not back)
-
-    def _on_geometry(self) -> None:
-        if self.isVisible() and not self._settling.isActive():
-            self._rest.start()
+        self.setVisible(bool(self.area.placing.groups) and not back)
 
     def _notify(self) -> None:
         self._placed = self.geometry()
         self.moved_by_hand.emit(self._placed)
 
-    def moveEvent(self, event: QMoveEvent) -> None:
-        super().moveEvent(event)
-        self._on_geometry()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._on_geometry()
+    def event(self, event: QEvent) -> bool:
+        by_hand = self.isVisible() and not self._settling.isActive()
+        if by_hand and event.type() in (QEvent.Type.Move, QEvent.Type.Resize):
+            self._rest.start()
+        return super().event(event)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """The close button docks the panels. When the program quits, the window stays in the saved layout."""

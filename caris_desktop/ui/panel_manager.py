@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
-from PySide6.QtWidgets import QApplication, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario, panels_in
-from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
+from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, permitted
 from caris_desktop.ui.focus_widget import existing, focus_widget
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
@@ -35,12 +35,9 @@ class _ReservedPlace(Panel):
 
     def __init__(self, context: PanelContext, name: PanelName, least: QSize) -> None:
         super().__init__(context)
-        self._least = least
+        self.least_size = least
         self.title = tr(PANELS[name].title)
         self.show_title(self.title)
-
-    def minimumSizeHint(self) -> QSize:
-        return self._least
 
 
 class PanelManager(QObject):
@@ -56,7 +53,7 @@ class PanelManager(QObject):
         super().__init__(docks)
         context.hold.escape_pressed.connect(docks.give_up)
         self._context = context
-        self._docks = docks
+        self.docks = docks
         self._panels: dict[PanelName, Panel] = {}
         # Permitted but not in the layout: hidden, and reused when a later scenario shows them.
         self._aside: dict[PanelName, Panel] = {}
@@ -96,7 +93,7 @@ class PanelManager(QObject):
         return possible if console.state.present.live else tuple(name for name in possible if name in PANELS)
 
     def is_open(self, name: PanelName) -> bool:
-        return self._docks.is_open(name)
+        return self.docks.is_open(name)
 
     def begin(
         self,
@@ -109,8 +106,11 @@ class PanelManager(QObject):
         ``arrange`` computes the layout from the permitted tree of its file; ``arranged`` receives that tree on
         completion. Reusable panels stay.
         """
-        self._stop_building()
-        self._had_keys = self._docks.panel_with_keys()
+        self._turn.stop()
+        self._give_room()
+        self._steps.clear()
+        self._behind.clear()
+        self._had_keys = self.docks.panel_with_keys()
         actions, hold = self._context.actions, self._context.hold
         hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
@@ -118,12 +118,17 @@ class PanelManager(QObject):
         for name, panel in tuple(remaining.items()):
             if name not in possible or not panel.can_reuse(scenario):
                 self._persist(name, remaining.pop(name))
-        self._open_scenario(scenario)
+        # The file's panel settings apply when it is opened or when they change; other changes of the file do not
+        # override the wizard.
+        if (scenario.path, scenario.panels) != self._opened:
+            self._opened = scenario.path, scenario.panels
+            self._opened_in.clear()
+            self._context.console.state.prefer_camera(scenario.panels.video.camera)
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
         self._panels, self._aside = remaining, {}
         self._put_aside_all_but(arrangement.panels)
-        self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
+        self.docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)
         self._bind_driving()
         missing, front_panels = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
@@ -179,25 +184,25 @@ class PanelManager(QObject):
 
     def _arrange(self, arrangement: DockLayout, arranged: Callable[[], None]) -> None:
         self._put_aside_all_but(arrangement.panels)
-        self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, arrangement)
-        self._bind_driving()
-        self._restore_focus()
-        arranged()
-
-    def _restore_focus(self) -> None:
-        """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
+        self._show_arrangement(arrangement)
+        # A panel that the new scenario also has keeps the focus; otherwise nothing is focused.
         had, self._had_keys = self._had_keys, None
         panel = None if had is None else self._panels.get(had)
-        if panel is not None and panel.isVisible() and self._docks.panel_with_keys() is None:
+        if panel is not None and panel.isVisible() and self.docks.panel_with_keys() is None:
             panel.focus_target().setFocus(Qt.FocusReason.OtherFocusReason)
+        arranged()
+
+    def _show_arrangement(self, arrangement: DockLayout) -> None:
+        places = {
+            name: _ReservedPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind
+        }
+        self.docks.show_arrangement({**self._panels, **self._aside, **places}, arrangement)
+        self._bind_driving()
 
     @property
     def _arranges_next(self) -> bool:
         """Whether the next step applies the layout: the slowest step, as it repaints the whole window."""
         return len(self._steps) == 1 and self._without_room is None
-
-    def _stored_places(self) -> dict[PanelName, Panel]:
-        return {name: _ReservedPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
     def _build_for_a_turn(self) -> None:
         """Run several short steps or a single long one; the window repaints between turns."""
@@ -212,7 +217,7 @@ class PanelManager(QObject):
         if self._without_room is not None:
             # A hidden child, deleted with the window. A panel that is placed at once needs no parent: each reparenting
             # restyles all its children.
-            self._panels[self._without_room].setParent(self._docks)
+            self._panels[self._without_room].setParent(self.docks)
         if self.whole:
             self.completed.emit()
         else:
@@ -239,15 +244,9 @@ class PanelManager(QObject):
     def _give_room(self) -> None:
         name, self._without_room = self._without_room, None
         if name is not None:
-            self._docks.make_room(name, self._panels[name])
+            self.docks.make_room(name, self._panels[name])
             if self.whole:
                 self._bind_driving()
-
-    def _stop_building(self) -> None:
-        self._turn.stop()
-        self._give_room()
-        self._steps.clear()
-        self._behind.clear()
 
     def show(self, arrangement: DockLayout) -> None:
         """Apply a layout: existing panels stay, visible missing ones are created, and hidden missing ones keep their
@@ -258,13 +257,11 @@ class PanelManager(QObject):
         self._give_room()
         self._put_aside_all_but(arrangement.panels)
         ready = {name for name in arrangement.in_front if PANELS[name].ready}
-        behind = [name for name in self._behind if name in arrangement.panels and name not in ready]
-        self._behind = deque(behind)
+        self._behind = deque(name for name in self._behind if name in arrangement.panels and name not in ready)
         for name in arrangement.panels:
-            if name not in self._panels and name not in behind:
+            if name not in self._panels and name not in self._behind:
                 self._bring(name)
-        self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, arrangement)
-        self._bind_driving()
+        self._show_arrangement(arrangement)
 
     def open(self, name: PanelName) -> None:
         """Raise the panel; one that the scenario does not have is added in a tab."""
@@ -272,9 +269,9 @@ class PanelManager(QObject):
         if name not in self.possible():
             return
         if name not in self._panels:
-            self._docks.add_panel(name, self._bring(name), PANELS[name].neighbours)
+            self.docks.add_panel(name, self._bring(name), PANELS[name].neighbours)
             self._bind_driving()
-        self._docks.show_panel(name)
+        self.docks.show_panel(name)
 
     def close(self, name: PanelName) -> None:
         """Close the panel; an added one is removed."""
@@ -282,24 +279,11 @@ class PanelManager(QObject):
         if name not in self._panels:
             return
         if name in panels_in(self._context.console.scenario.layout):
-            self._docks.close_panel(name)
+            self.docks.close_panel(name)
             return
-        if self._docks.remove_panel(name):
+        if self.docks.remove_panel(name):
             self._persist(name, self._panels.pop(name))
             self._bind_driving()
-
-    def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
-        """Fill the panel's placement menu."""
-        self._docks.fill_menu(menu, name)
-
-    def toggle_floating(self, name: PanelName) -> None:
-        """Float or dock the panel."""
-        self._docks.toggle_floating(name)
-
-    def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
-        """Possible changes of the panel's size in px, with their slots."""
-        steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if self._docks.resized(name, by_px) is not None]
-        return [(by_px, partial(self._docks.resize_panel, name, by_px)) for by_px in steps]
 
     def set_open(self, name: PanelName, opened: bool) -> None:
         """Open or close the panel after the menu has closed, so that size and focus can be set."""
@@ -323,13 +307,11 @@ class PanelManager(QObject):
         driving: tuple[PanelName, ...] = ("video", "drive", "map")
         if not any(name in self._panels for name in driving):
             self.complete()
-        for name in driving:
-            panel = self._panels.get(name)
-            if panel is not None:
-                self._docks.show_panel(name)
-                focus_widget(panel.focus_target())
-                return True
-        return False
+        name = next((name for name in driving if name in self._panels), None)
+        if name is not None:
+            self.docks.show_panel(name)
+            focus_widget(self._panels[name].focus_target())
+        return name is not None
 
     def use_library(self) -> None:
         """Enable the session library."""
@@ -352,15 +334,6 @@ class PanelManager(QObject):
         self._open_in(name, panel)
         return panel
 
-    def _open_scenario(self, scenario: Scenario) -> None:
-        """Apply the file's panel settings when it is opened or when they change; other changes of the file do not
-        override the wizard.
-        """
-        if (scenario.path, scenario.panels) != self._opened:
-            self._opened = scenario.path, scenario.panels
-            self._opened_in.clear()
-            self._context.console.state.prefer_camera(scenario.panels.video.camera)
-
     def _open_in(self, name: PanelName, panel: Panel) -> None:
         if name not in self._opened_in:
             self._opened_in.add(name)
@@ -373,13 +346,11 @@ class PanelManager(QObject):
 
     def _bring(self, name: PanelName) -> Panel:
         """A hidden panel, refreshed for the present scenario; else a new one."""
-        panel = self._aside.pop(name, None)
-        if panel is None:
+        if name not in self._aside:
             return self._make(name)
-        self._panels[name] = panel
-        panel.show_scenario()
-        self._open_in(name, panel)
-        return panel
+        self._panels[name] = self._aside.pop(name)
+        self._refresh(name)
+        return self._panels[name]
 
     def _put_aside_all_but(self, names: Collection[PanelName]) -> None:
         for name in tuple(self._panels):
@@ -441,10 +412,10 @@ class LateImports(QObject):
     ) -> None:
         """``first`` are called before the imports: they load menus and reopen windows."""
         super().__init__(parent)
-        self._first = tuple(first)
         self._busy = busy
-        self._modules = tuple(modules)
-        self._left: deque[Callable[[], object]] = deque()
+        self._left = deque[Callable[[], object]](
+            (*first, *(partial(importlib.import_module, module) for module in modules))
+        )
         self._next = QTimer(self, interval=EVERY_MS)
         self._next.timeout.connect(self.import_next)
         self._begin = QTimer(self, singleShot=True, interval=BEGIN_AFTER_MS)
@@ -452,8 +423,6 @@ class LateImports(QObject):
 
     def begin(self) -> None:
         """Start after the window is shown and idle."""
-        imports = (partial(importlib.import_module, module) for module in self._modules)
-        self._left = deque((*self._first, *imports))
         self._begin.start()
 
     def end(self) -> None:

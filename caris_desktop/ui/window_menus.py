@@ -216,7 +216,7 @@ class WindowMenus:
         menu.addSeparator()
         focused = next((name for name, panel in board.panels.items() if panel.active), None)
         if focused is not None:
-            board.fill_panel_menu(menu.addMenu(tr("Focused panel")), focused)
+            board.docks.fill_menu(menu.addMenu(tr("Focused panel")), focused)
         add_switch(menu, tr("Lock for a study"), keeper.locked, keeper.set_locked)
         add_switch(menu, tr("Adapt to small and large screens"), keeper.adapts, keeper.set_adapts)
 

@@ -37,6 +37,7 @@ from caris_desktop.ui.action_rows import (
     target_of,
 )
 from caris_desktop.ui.banners import QuestionBanner
+from caris_desktop.ui.dock_host import RESIZE_PX
 from caris_desktop.ui.menus import sound_choices
 from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.command_palette import CommandPalette, PaletteItem
@@ -260,7 +261,7 @@ class PaletteEntries:
                 yield item(QT_TR_NOOP("Video"), text, "video-camera", choose, QT_TR_NOOP("picture"))
 
     def _of_panels(self) -> _Items:
-        panels, locked = self._parts.panels, self._parts.layout.locked
+        panels, docks, locked = self._parts.panels, self._parts.panels.docks, self._parts.layout.locked
         possible = panels.possible()
         open_panels = [name for name in possible if panels.is_open(name)]
         for name in possible:
@@ -275,16 +276,18 @@ class PaletteEntries:
             title = PANELS[name].title
             yield item(
                 _PANEL, localized(QT_TR_NOOP("{panel}: to a separate window, or back"), panel=title),
-                "arrow-square-out", partial(panels.toggle_floating, name), QT_TR_NOOP("float undock second screen"),
+                "arrow-square-out", partial(docks.toggle_floating, name), QT_TR_NOOP("float undock second screen"),
                 id=f"Panel: {title}: into a window of its own, or back",
             )  # fmt: skip
         for name in open_panels:
-            for by_px, resize in panels.resizers(name):
+            for by_px in (RESIZE_PX, -RESIZE_PX):
+                if docks.resized(name, by_px) is None:
+                    continue
                 change = QT_TR_NOOP("{panel}: larger") if by_px > 0 else QT_TR_NOOP("{panel}: smaller")
                 yield item(
                     _PANEL, localized(change, panel=PANELS[name].title),
-                    "arrows-out-simple" if by_px > 0 else "arrows-in-simple", resize,
-                    QT_TR_NOOP("size resize width height room split"),
+                    "arrows-out-simple" if by_px > 0 else "arrows-in-simple",
+                    partial(docks.resize_panel, name, by_px), QT_TR_NOOP("size resize width height room split"),
                 )  # fmt: skip
 
     def _of_layout(self) -> _Items:
