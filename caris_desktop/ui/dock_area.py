@@ -3,6 +3,7 @@ which it is dragged, closed and floated.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import (
@@ -54,7 +55,6 @@ class PanelTitleBar(Bar, QWidget):
         self._panel = panel
         self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self._title = ElidedLabel(role="title")
         self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self._title.setMinimumWidth(_LEAST_TITLE_PX)
@@ -140,10 +140,6 @@ class PanelTitleBar(Bar, QWidget):
         # A dock queries only this size of its title bar.
         return QSize(160, TITLE_HEIGHT_PX)
 
-    def minimumSizeHint(self) -> QSize:
-        # Key caps would be painted over the edge of narrower buttons.
-        return QSize(self.row.minimumSize().width(), TITLE_HEIGHT_PX)
-
     def set_tabbed(self, tabbed: bool) -> None:
         """Hide the title in a tab group: the tab shows it."""
         self._title.setVisible(not tabbed and not self._over_picture)
@@ -209,8 +205,8 @@ class DockRequests(QObject):
     drag_moved = Signal(object, object)
     drag_dropped = Signal(object, object)
 
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._pressed: PanelName | None = None
         self._pressed_at = QPoint()
         self._least_px = 0
@@ -266,11 +262,9 @@ class Dock(KeyPlace):
         self._scroll.setObjectName("panel_scroll")
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        panel.setParent(self._scroll.viewport())
         self._scroll.setWidget(panel)
         for part in (panel, self._scroll.viewport()):  # a panel paints its card
             part.setAutoFillBackground(False)
-        panel.show()
         picture = panel.picture()
         self._title_px = TITLE_HEIGHT_PX if picture is None else 0
         self._handle = _Handle(
@@ -280,7 +274,7 @@ class Dock(KeyPlace):
         self._handle.setHidden(picture is None)
         self._float = ActionButton(
             panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX,
-            objectName="float_button", clicked=lambda: requests.float_requested.emit(name),
+            objectName="float_button", clicked=partial(requests.float_requested.emit, name),
         )  # fmt: skip
         for button in (self._handle, self._float):
             button.set_quiet(True)
@@ -430,12 +424,10 @@ class DockArea(QWidget):
     laid_out = Signal()
     resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was released
 
-    def __init__(
-        self, docks: Mapping[PanelName, Dock], requests: DockRequests | None, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, docks: dict[PanelName, Dock], requests: DockRequests, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.docks = docks
-        self.requests = requests if requests is not None else DockRequests(self)
+        self.requests = requests
         self.whole_tree: LayoutNode | None = None
         self.locked = False
         self._visible: frozenset[PanelName] = frozenset()
@@ -571,13 +563,8 @@ class PanelTabs(Bar, QTabBar):
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         for index in self._in_list():
             # By name: this bar may show other panels once the menu has closed.
-            menu.addAction(self.tabText(index)).triggered.connect(
-                lambda _checked, name=self.panels[index]: self._requests.tab_clicked.emit(name)
-            )
+            menu.addAction(self.tabText(index), partial(self._requests.tab_clicked.emit, self.panels[index]))
         menu.popup(self._more.mapToGlobal(self._more.rect().bottomLeft()))
-
-    def minimumTabSizeHint(self, index: int) -> QSize:
-        return self.tabSizeHint(index)
 
     def place_of(self, at: QPoint, panel: PanelName) -> int:
         """Tab index for a drop at this point, not counting the panel itself."""

@@ -44,7 +44,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
     moved_by_hand = Signal(object)  # Rect
     close_requested = Signal()
 
-    def __init__(self, docks: Mapping[PanelName, Dock], requests: DockRequests, parent: QWidget) -> None:
+    def __init__(self, docks: dict[PanelName, Dock], requests: DockRequests, parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Tool)
         self.setObjectName("floating_panels")
         # Shown without activation when a popup closes or the scenario changes; a click activates it.
@@ -101,8 +101,7 @@ class DockHost(DockArea):
     room_changed = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        self._docks: dict[PanelName, Dock] = {}
-        super().__init__(self._docks, None, parent)
+        super().__init__({}, DockRequests(), parent)
         self.setObjectName("dock_host")
         self.arrangement: DockLayout | None = None
         self._windows: list[FloatingWindow] = []
@@ -149,7 +148,7 @@ class DockHost(DockArea):
         """
         self.drop_all_but(panels)
         for name in arrangement.panels:
-            if name not in self._docks:
+            if name not in self.docks:
                 self._make_dock(name, panels[name])
         self.arrangement = arrangement
         self.show_everything()
@@ -160,8 +159,8 @@ class DockHost(DockArea):
         """Like :meth:`drop_all_but`, and hide all panels but ``visible``. Hidden panels leave an empty area without a
         tab until the next layout; visible ones do not move.
         """
-        unseen = [name for name in self._docks if name not in visible]
-        afloat = any(self._docks[name].isFloating() for name in unseen)
+        unseen = [name for name in self.docks if name not in visible]
+        afloat = any(self.docks[name].isFloating() for name in unseen)
         self.drop_all_but(panels)
         if self.arrangement is not None:
             self.arrangement = edits.remove(self.arrangement, unseen)
@@ -169,7 +168,7 @@ class DockHost(DockArea):
             self.show_everything()
         else:
             self.leave_room(self.arrangement.tree, self.arrangement.docked)
-        for name, dock in self._docks.items():
+        for name, dock in self.docks.items():
             if name not in visible:
                 dock.set_shown(False)
 
@@ -177,7 +176,7 @@ class DockHost(DockArea):
         """Delete all other panels; the layout follows afterwards. One panel is deleted per event loop turn, so that a
         scenario change does not block the GUI thread.
         """
-        removed = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
+        removed = [name for name, dock in self.docks.items() if panels.get(name) is not dock.widget()]
         if self.arrangement is not None:
             self.arrangement = edits.remove(self.arrangement, removed)
         for name in removed:
@@ -185,7 +184,7 @@ class DockHost(DockArea):
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
         """Create a hidden dock for the next layout, or replace the placeholder of this panel."""
-        old, dock = self._docks.get(name), self._make_dock(name, panel)
+        old, dock = self.docks.get(name), self._make_dock(name, panel)
         if old is None:
             return
         if old.isVisible() or old.isFloating() or dock.least() != old.least():
@@ -202,7 +201,7 @@ class DockHost(DockArea):
         if self.arrangement is None:
             self.show_arrangement({name: panel}, DockLayout(PanelLeaf(name)))
             return
-        if name not in self._docks:
+        if name not in self.docks:
             self._make_dock(name, panel)
         self._do(tr("Open {panel}").format(panel=panel.title), edits.add(self.arrangement, name, beside))
 
@@ -226,8 +225,8 @@ class DockHost(DockArea):
         group = next((found for area in self._areas if (found := area.placing.group_of(name)) is not None), None)
         yield
         panels = () if group is None else group.panels
-        visible = next((other for other in panels if other != name and self._docks[other].isVisible()), None)
-        if had and visible is not None and not self._docks[visible].widget().drives:
+        visible = next((other for other in panels if other != name and self.docks[other].isVisible()), None)
+        if had and visible is not None and not self.docks[visible].widget().drives:
             self._go_to(visible)
 
     def is_open(self, name: PanelName) -> bool:
@@ -235,7 +234,7 @@ class DockHost(DockArea):
         return self.arrangement is not None and self.arrangement.is_shown(name)
 
     def _forget(self, name: PanelName) -> None:
-        dock = self._docks.pop(name)
+        dock = self.docks.pop(name)
         dock.hide()
         if dock.isFloating():
             dock.setParent(self)  # its window may be deleted before
@@ -243,7 +242,7 @@ class DockHost(DockArea):
 
     def _make_dock(self, name: PanelName, panel: Panel) -> Dock:
         # Created with a parent: otherwise it briefly is a top-level window and takes the activation.
-        dock = self._docks[name] = Dock(name, panel, self.requests, self)
+        dock = self.docks[name] = Dock(name, panel, self.requests, self)
         dock.lower()
         dock.hide()
         panel.title_changed.connect(self.retitle)
@@ -260,14 +259,14 @@ class DockHost(DockArea):
         arrangement = self.arrangement
         floating = () if arrangement is None else edits.clamped(arrangement, self.screens()).floating
         for window in self._windows[len(floating) :]:
-            for dock in self._docks.values():
+            for dock in self.docks.values():
                 if dock.parentWidget() is window.area:
                     self.adopt(dock)
         layouts.adjust_count(self._windows, len(floating), self._new_window)
         if arrangement is None:
             self.show_tree(None, frozenset())
             return
-        for name, dock in self._docks.items():
+        for name, dock in self.docks.items():
             if name in arrangement.panels:
                 dock.set_place(floating=name in arrangement.afloat, locked=self.locked)
             if not arrangement.is_shown(name):
@@ -279,7 +278,7 @@ class DockHost(DockArea):
             window.show_panels(target.tree, frozenset(panels_in(target.tree)) - arrangement.hidden, target.place)
 
     def _new_window(self) -> FloatingWindow:
-        window = FloatingWindow(self._docks, self.requests, self)
+        window = FloatingWindow(self.docks, self.requests, self)
         index = len(self._windows)
         window.area.resized_by_hand.connect(partial(self._on_resized_by_hand, index))
         window.moved_by_hand.connect(partial(self._on_window_moved, index))
@@ -351,13 +350,13 @@ class DockHost(DockArea):
         """The panel whose dock has the widget inside."""
         if widget is None:
             return None
-        return next((name for name, dock in self._docks.items() if dock.isAncestorOf(widget)), None)
+        return next((name for name, dock in self.docks.items() if dock.isAncestorOf(widget)), None)
 
     def _go_to(self, name: PanelName) -> None:
         """Raise the panel's tab and focus its main field."""
         self._on_tab_chosen(name)
-        if self._docks[name].isVisible():
-            focus_widget(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
+        if self.docks[name].isVisible():
+            focus_widget(self.docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
 
     def _do(self, description: str, after: DockLayout) -> None:
         before, self.arrangement = self.arrangement, after
@@ -383,8 +382,8 @@ class DockHost(DockArea):
 
     def float_panel(self, name: PanelName, place: QRect | None = None) -> None:
         """Float the panel in a separate window: at ``place``, or near its current position."""
-        if place is None and name in self._docks:
-            dock = self._docks[name]
+        if place is None and name in self.docks:
+            dock = self.docks[name]
             at = dock.mapToGlobal(QPoint(_CASCADE_PX, _CASCADE_PX))
             place = QRect(at, dock.size().expandedTo(QSize(*COMFORT.get(name, _FLOATING))))
         if place is not None:
@@ -407,7 +406,7 @@ class DockHost(DockArea):
 
     def resized(self, name: PanelName, by_px: int) -> DockLayout | None:
         """Layout with the panel larger by this much, or smaller if negative; None if its neighbours leave no room."""
-        arrangement, area = self.arrangement, self._docks[name].parentWidget() if name in self._docks else None
+        arrangement, area = self.arrangement, self.docks[name].parentWidget() if name in self.docks else None
         if arrangement is None or not arrangement.is_shown(name) or not isinstance(area, DockArea):
             return None
         found = None if area.whole_tree is None else grown(area.whole_tree, area.placing, name, by_px)
@@ -419,7 +418,7 @@ class DockHost(DockArea):
         self._change(words, name, lambda _layout, name: self.resized(name, by_px))
 
     def _title(self, name: PanelName) -> str:
-        return self._docks[name].widget().title
+        return self.docks[name].widget().title
 
     def _on_tab_chosen(self, name: PanelName) -> None:
         """Selecting a tab changes the layout but is not an edit that can be undone."""
@@ -537,25 +536,19 @@ class DockHost(DockArea):
         arrangement = self.arrangement
         if arrangement is None:
             return
-        floats = menu.addAction(
-            tr("Dock in the main window") if name in arrangement.afloat else tr("Open in a separate window")
-        )
-        floats.triggered.connect(lambda: self.toggle_floating(name))
+        words = tr("Dock in the main window") if name in arrangement.afloat else tr("Open in a separate window")
+        floats = menu.addAction(words, partial(self.toggle_floating, name))
         for words, by_px in ((tr("Larger"), RESIZE_PX), (tr("Smaller"), -RESIZE_PX)):
-            resizes = menu.addAction(words)
-            resizes.triggered.connect(lambda _checked, by_px=by_px: self.resize_panel(name, by_px))
+            resizes = menu.addAction(words, partial(self.resize_panel, name, by_px))
             resizes.setEnabled(not self.locked and self.resized(name, by_px) is not None)
         others = [other for other in arrangement.panels if other != name and arrangement.is_shown(other)]
         for side, words in _MENU_SIDES.items():
             into = menu.addMenu(tr(words))
             into.setEnabled(not self.locked and bool(others))
             for other in others:
-                into.addAction(self._title(other)).triggered.connect(
-                    lambda _checked, other=other, side=side: self.move_panel(name, other, side)
-                )
+                into.addAction(self._title(other), partial(self.move_panel, name, other, side))
         menu.addSeparator()
-        close = menu.addAction(tr("Close this panel"))
-        close.triggered.connect(lambda: self.close_panel(name))
+        close = menu.addAction(tr("Close this panel"), partial(self.close_panel, name))
         for action in (floats, close):
             action.setEnabled(not self.locked)
         if self.locked:
@@ -581,9 +574,7 @@ _DROP_WORDS: Mapping[Side | None, str] = {
 
 def available_screens() -> Sequence[QRect]:
     """Available geometry of each screen, primary screen first."""
-    main = QGuiApplication.primaryScreen()
-    screens = sorted(QGuiApplication.screens(), key=lambda screen: screen is not main)
-    return [screen.availableGeometry() for screen in screens]
+    return [screen.availableGeometry() for screen in QGuiApplication.screens()]
 
 
 class DragWords(QLabel):

@@ -34,7 +34,7 @@ from caris_desktop.ui.dock_layout import (
     with_the_panels_of,
 )
 from caris_desktop.ui.panel_manager import PanelManager
-from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.preferences import WizardProfiles, from_json
 
 LAYOUT_AT_REST_MS = 1000
 _SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
@@ -169,9 +169,8 @@ class LayoutStore(QObject):
         """The file's layout for each screen size class, all with the panels of the usual layout."""
         trees: dict[SizeClass, LayoutNode] = {"usual": tree}
         for kind in ("compact", "large"):
-            scenario_layout = own_layout(scenario, kind)
-            if scenario_layout is not None:
-                trees[kind] = with_the_panels_of(tree, scenario_layout)
+            if (layout := own_layout(scenario, kind)) is not None:
+                trees[kind] = with_the_panels_of(tree, layout)
         return trees
 
     def _kind_now(self) -> SizeClass:
@@ -260,19 +259,14 @@ class LayoutStore(QObject):
         return layout if present is None else present
 
     def _on_layout_changed(self) -> None:
-        self._persist()
-        self.changed.emit()
-
-    def _persist(self) -> None:
         """Persist each change, in case of a crash or power cut."""
         arrangement = self._docks.arrangement
-        if self._in_replay or not self._touched or arrangement is None or self._board.building:
-            return
-        changed = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
-        self._file.save_working_copy(
-            self._name, self._kind, self._file_tree(self._kind), arrangement if changed else None
-        )
-        self._touched = changed
+        if self._touched and arrangement is not None and not (self._in_replay or self._board.building):
+            self._touched = self.is_own
+            self._file.save_working_copy(
+                self._name, self._kind, self._file_tree(self._kind), arrangement if self._touched else None
+            )
+        self.changed.emit()
 
     def takes_reset(self) -> bool:
         """Whether the next file of the scenario is that of a reset, whose layout is shown; asked once."""
@@ -286,8 +280,7 @@ class LayoutStore(QObject):
             self._trees = self._trees_of(scenario, permitted(scenario.layout, self._board.possible()))
             self._baseline = self._baseline_of(self._kind)
             self._touched = True
-            self._persist()
-            self.changed.emit()
+            self._on_layout_changed()
 
     def _on_wizard_changed(self) -> None:
         if self._trees and not self._in_replay:
@@ -469,22 +462,24 @@ class LayoutFile:
         except (ValueError, RecursionError) as error:
             _log.warning("the saved layouts of %s cannot be read, and are copied to %s", scenario, _ASIDE)
             self._values.set_value(_ASIDE, text)
-            rest = {name: each for name, each in self._of(scenario).items() if name != kind}
-            self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: rest}))
+            self._write(scenario, self._of_other_sizes(scenario, kind))
             raise ValueError(str(error)) from error
 
     def save_working_copy(
         self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None
     ) -> None:
         """Save a working copy; None if the layout equals the file's."""
-        entries = {name: each for name, each in self._of(scenario).items() if name != kind}
+        entries = self._of_other_sizes(scenario, kind)
         if arrangement is not None:
             entries[kind] = {"of": layout_data(file_tree), "arrangement": arrangement_data(arrangement)}
         if self._all().get(scenario, {}) != entries:
-            self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: entries}))
+            self._write(scenario, entries)
 
     def forget(self, scenario: str) -> None:
-        self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: {}}))
+        self._write(scenario, {})
+
+    def _write(self, scenario: str, entries: dict[str, Any]) -> None:
+        self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: entries}))
 
     @property
     def adapts(self) -> bool:
@@ -502,15 +497,15 @@ class LayoutFile:
         self._values.set_value(_LOCKED, json.dumps([*names, scenario] if locked else names))
 
     def _locked(self) -> list[str]:
-        names = _read(self._values.value(_LOCKED, "[]"))
+        names = from_json(self._values.value(_LOCKED, "[]"))
         return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
-    def _of(self, scenario: str) -> dict[str, Any]:
+    def _of_other_sizes(self, scenario: str, kind: SizeClass) -> dict[str, Any]:
         entries = self._all().get(scenario)
-        return entries if isinstance(entries, dict) else {}
+        return {name: each for name, each in entries.items() if name != kind} if isinstance(entries, dict) else {}
 
     def _all(self) -> dict[str, Any]:
-        known = _read(self._values.value(_WORKING, "{}"))
+        known = from_json(self._values.value(_WORKING, "{}"))
         return known if isinstance(known, dict) else {}
 
 
@@ -518,10 +513,3 @@ def _object(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("it is not a JSON object")  # noqa: TRY004  (the caller expects one kind)
     return value
-
-
-def _read(text: Any) -> Any:
-    try:
-        return json.loads(str(text))
-    except (ValueError, RecursionError):
-        return None

@@ -197,7 +197,7 @@ class Preferences(QObject):
     @property
     def robot_of_last_time(self) -> str:
         """Profile name that this wizard last used with this scenario; empty if none."""
-        stored = _from_json(self._wizards.value(self._place("robot")))
+        stored = from_json(self._wizards.value(self._place("robot")))
         return stored if isinstance(stored, str) else ""
 
     # Saving
@@ -354,7 +354,7 @@ def _stored_text(chosen: Any, file: Any) -> str:
 
 def _stored_value(text: Any, file: Any) -> Any:
     """The saved value; None if there is none, or if the file has changed since."""
-    stored = _from_json(text)
+    stored = from_json(text)
     if not (isinstance(stored, dict) and stored.keys() == {"chosen", "file"}):
         return stored  # saved by a version without the file's hash
     return stored["chosen"] if stored["file"] == _mark_of(file) else None
@@ -375,7 +375,8 @@ def _said(part: Any) -> Any:
     return [_said(each) for each in part] if isinstance(part, tuple) else part
 
 
-def _from_json(text: Any) -> Any:
+def from_json(text: Any) -> Any:
+    """Stored JSON; None if it is none."""
     try:
         return json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
