@@ -8,7 +8,6 @@ from functools import partial
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
-    QCloseEvent,
     QColor,
     QContextMenuEvent,
     QEnterEvent,
@@ -199,7 +198,6 @@ class DockRequests(QObject):
 
     tab_chosen = Signal(object)  # PanelName
     tab_clicked = Signal(object)  # focus its panel too
-    close_requested = Signal(object)
     float_requested = Signal(object)  # float or dock
     menu_requested = Signal(object, object)  # PanelName, QPoint on the desktop
     drag_moved = Signal(object, object)
@@ -255,9 +253,11 @@ class Dock(KeyPlace):
         super().__init__(parent)
         self.name = name
         self.setObjectName(f"dock_{name}")
-        self._panel = panel
+        self.panel = panel
         self._requests = requests
-        self._floating = self._locked = False
+        self.floating = False
+        """Whether it is in a floating window, alone or with others."""
+        self._locked = False
         self._scroll = QScrollArea(self)
         self._scroll.setObjectName("panel_scroll")
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
@@ -279,40 +279,30 @@ class Dock(KeyPlace):
         for button in (self._handle, self._float):
             button.set_quiet(True)
         if picture is None:
-            self._title_bar = PanelTitleBar(panel, (self._float,))
-            self._title_bar.setParent(self)
+            self.title_bar = PanelTitleBar(panel, (self._float,))
+            self.title_bar.setParent(self)
         else:
-            self._title_bar = PanelTitleBar(panel, (self._float, self._handle), over_picture=True)
-            self._over_picture = layouts.vbox(picture, self._title_bar, 1, margins_px=0)
-        self._title_bar.show()
+            self.title_bar = PanelTitleBar(panel, (self._float, self._handle), over_picture=True)
+            self._over_picture = layouts.vbox(picture, self.title_bar, 1, margins_px=0)
+        self.title_bar.show()
         panel.title_changed.connect(self._show_words)
         self._show_words()
 
     def focus_target(self) -> QWidget:
-        return self._panel.focus_target()
-
-    def widget(self) -> Panel:
-        return self._panel
-
-    def titleBarWidget(self) -> PanelTitleBar:
-        return self._title_bar
-
-    def isFloating(self) -> bool:
-        """Whether it is in a floating window, alone or with others."""
-        return self._floating
+        return self.panel.focus_target()
 
     def set_place(self, *, floating: bool, locked: bool) -> None:
-        if (floating, locked) != (self._floating, self._locked):
-            self._floating, self._locked = floating, locked
+        if (floating, locked) != (self.floating, self._locked):
+            self.floating, self._locked = floating, locked
             self._show_words()
 
     def _show_words(self) -> None:
         """Show the title, and what the buttons do at the present place."""
-        title = self._panel.shown_title
+        title = self.panel.shown_title
         self.setWindowTitle(title)
         show_part(self._float, not self._locked)
-        words = tr("Dock in the main window") if self._floating else tr("Open in a separate window")
-        self._float.set_label("", icon="arrow-square-in" if self._floating else "arrow-square-out")
+        words = tr("Dock in the main window") if self.floating else tr("Open in a separate window")
+        self._float.set_label("", icon="arrow-square-in" if self.floating else "arrow-square-out")
         self._float.setAccessibleName(f"{title}: {words}")
         self._float.setToolTip(words)
         self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=title))
@@ -320,16 +310,16 @@ class Dock(KeyPlace):
     def set_shown(self, visible: bool) -> None:
         """Show the dock, or hide it behind another tab or entirely."""
         self.setVisible(visible)
-        self._panel.set_in_view(visible)
+        self.panel.set_in_view(visible)
 
     def least(self) -> Room:
         """Minimum size, including the title bar."""
         need = self._panel_need()
-        return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + self._title_px)
+        return (max(need.width(), self.title_bar.minimumSizeHint().width()), need.height() + self._title_px)
 
     def _panel_need(self) -> QSize:
         """Minimum size of the panel: an explicit one overrides its size hint."""
-        hint, least = self._panel.minimumSizeHint(), self._panel.minimumSize()
+        hint, least = self.panel.minimumSizeHint(), self.panel.minimumSize()
         return QSize(least.width() or hint.width(), least.height() or hint.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -339,7 +329,7 @@ class Dock(KeyPlace):
     def fit(self) -> None:
         """Lay out title bar and panel."""
         if self._title_px:
-            self._title_bar.setGeometry(0, 0, self.width(), self._title_px)
+            self.title_bar.setGeometry(0, 0, self.width(), self._title_px)
         self._scroll.setGeometry(0, self._title_px, self.width(), max(0, self.height() - self._title_px))
         room, need = self._scroll.maximumViewportSize(), self._panel_need()
         # Beside a scroll bar across the other direction.
@@ -347,26 +337,26 @@ class Dock(KeyPlace):
             room.setWidth(room.width() - self._scroll.verticalScrollBar().sizeHint().width())
         if need.width() > room.width():
             room.setHeight(room.height() - self._scroll.horizontalScrollBar().sizeHint().height())
-        self._panel.resize(room.expandedTo(need))
+        self.panel.resize(room.expandedTo(need))
 
     # ---- controls that appear under the pointer
 
     def enterEvent(self, event: QEnterEvent) -> None:
         super().enterEvent(event)
-        self._title_bar.set_pointed(True)
+        self.title_bar.set_pointed(True)
 
     def leaveEvent(self, event: QEvent) -> None:
         super().leaveEvent(event)
-        self._title_bar.set_pointed(False)
+        self.title_bar.set_pointed(False)
 
     def leave_clear(self, covered: QRect) -> None:
         """Keep a picture's names and controls clear of what covers its upper edge, in the coordinates of the parent."""
         if self._title_px:
             return
-        self._panel.covered = covered.translated(-self.pos())
-        at_left = self._panel.title_widgets()[0]
-        free_px = self.width() - self._title_bar.row.sizeHint().width() if at_left.isHidden() else 0
-        lower = self._panel.covered.bottom() + 1 if self._panel.covered.right() >= free_px else 0
+        self.panel.covered = covered.translated(-self.pos())
+        at_left = self.panel.title_widgets()[0]
+        free_px = self.width() - self.title_bar.row.sizeHint().width() if at_left.isHidden() else 0
+        lower = self.panel.covered.bottom() + 1 if self.panel.covered.right() >= free_px else 0
         self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
 
     def _open_menu(self) -> None:
@@ -377,7 +367,7 @@ class Dock(KeyPlace):
     @property
     def _title_bottom(self) -> int:
         """Lower end of the title bar, by which the panel is dragged."""
-        return self._title_bar.mapTo(self, QPoint(0, TITLE_HEIGHT_PX)).y()
+        return self.title_bar.mapTo(self, QPoint(0, TITLE_HEIGHT_PX)).y()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and event.position().y() < self._title_bottom:
@@ -401,17 +391,13 @@ class Dock(KeyPlace):
 
     # ---- Qt events
 
-    def closeEvent(self, event: QCloseEvent) -> None:
-        event.ignore()
-        self._requests.close_requested.emit(self.name)
-
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        self._panel.set_in_view(True)
+        self.panel.set_in_view(True)
 
     def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)
-        self._panel.set_in_view(False)
+        self.panel.set_in_view(False)
 
 
 _MORE_PX = 34
@@ -465,7 +451,7 @@ class DockArea(QWidget):
         for group in self.placing.groups:
             for name in group.panels:
                 dock = self.docks[name]
-                dock.titleBarWidget().set_tabbed(group.tabbed)
+                dock.title_bar.set_tabbed(group.tabbed)
                 if name == group.current:
                     dock.setGeometry(group.body)
                     dock.fit()  # its minimum may have changed

@@ -119,7 +119,6 @@ class DockHost(DockArea):
         requests = self.requests
         requests.tab_chosen.connect(self._on_tab_chosen)
         requests.tab_clicked.connect(self._go_to)
-        requests.close_requested.connect(self.close_panel)
         requests.float_requested.connect(self.toggle_floating)
         requests.menu_requested.connect(self._open_menu)
         requests.drag_moved.connect(self._on_drag_moved)
@@ -160,7 +159,7 @@ class DockHost(DockArea):
         tab until the next layout; visible ones do not move.
         """
         unseen = [name for name in self.docks if name not in visible]
-        afloat = any(self.docks[name].isFloating() for name in unseen)
+        afloat = any(self.docks[name].floating for name in unseen)
         self.drop_all_but(panels)
         if self.arrangement is not None:
             self.arrangement = edits.remove(self.arrangement, unseen)
@@ -176,7 +175,7 @@ class DockHost(DockArea):
         """Delete all other panels; the layout follows afterwards. One panel is deleted per event loop turn, so that a
         scenario change does not block the GUI thread.
         """
-        removed = [name for name, dock in self.docks.items() if panels.get(name) is not dock.widget()]
+        removed = [name for name, dock in self.docks.items() if panels.get(name) is not dock.panel]
         if self.arrangement is not None:
             self.arrangement = edits.remove(self.arrangement, removed)
         for name in removed:
@@ -187,7 +186,7 @@ class DockHost(DockArea):
         old, dock = self.docks.get(name), self._make_dock(name, panel)
         if old is None:
             return
-        if old.isVisible() or old.isFloating() or dock.least() != old.least():
+        if old.isVisible() or old.floating or dock.least() != old.least():
             self.show_everything()
         else:
             dock.set_place(floating=False, locked=self.locked)
@@ -226,7 +225,7 @@ class DockHost(DockArea):
         yield
         panels = () if group is None else group.panels
         visible = next((other for other in panels if other != name and self.docks[other].isVisible()), None)
-        if had and visible is not None and not self.docks[visible].widget().drives:
+        if had and visible is not None and not self.docks[visible].panel.drives:
             self._go_to(visible)
 
     def is_open(self, name: PanelName) -> bool:
@@ -236,7 +235,7 @@ class DockHost(DockArea):
     def _forget(self, name: PanelName) -> None:
         dock = self.docks.pop(name)
         dock.hide()
-        if dock.isFloating():
+        if dock.floating:
             dock.setParent(self)  # its window may be deleted before
         self._leaving.append(dock)
 
@@ -418,7 +417,7 @@ class DockHost(DockArea):
         self._change(words, name, lambda _layout, name: self.resized(name, by_px))
 
     def _title(self, name: PanelName) -> str:
-        return self.docks[name].widget().title
+        return self.docks[name].panel.title
 
     def _on_tab_chosen(self, name: PanelName) -> None:
         """Selecting a tab changes the layout but is not an edit that can be undone."""

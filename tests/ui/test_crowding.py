@@ -357,7 +357,7 @@ def test_a_key_cap_is_whole_in_the_narrowest_speak_panel(opened: Open) -> None:
     window, _console = opened("tour-guide")
     window.focus_speak()
     dock = window.dock_host.docks["speak"]
-    bar = dock.titleBarWidget()
+    bar = dock.title_bar
     bar.setFixedWidth(dock.least()[0])
     QApplication.processEvents()
     for name in ("talk_button", "silence_button"):

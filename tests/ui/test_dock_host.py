@@ -74,7 +74,7 @@ def test_the_weights_stay_when_the_window_grows(qtbot: QtBot, theme: Theme) -> N
 def test_a_closed_panel_leaves_the_tree_and_comes_back(qtbot: QtBot, window: MainWindow) -> None:
     host = window.dock_host
     with qtbot.waitSignal(host.layout_changed):
-        host.docks["map"].close()
+        host.close_panel("map")
     tree = window.dock_host.tree
     assert tree is not None
     assert "map" not in panels_in(tree)

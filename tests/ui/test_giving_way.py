@@ -37,7 +37,7 @@ def test_items_left_out_of_the_status_bar_are_in_its_tip(window: MainWindow) -> 
 
 @pytest.mark.panels("speak")
 def test_a_button_loses_its_words_before_the_title_is_cut(window: MainWindow) -> None:
-    bar = window.dock_host.docks["speak"].titleBarWidget()
+    bar = window.dock_host.docks["speak"].title_bar
     button, title = find(window, "silence_button"), bar.findChild(ElidedLabel)
     assert isinstance(button, ActionButton) and title is not None
     for width_px, words, whole in ((600, True, True), (260, False, True), (150, False, False)):

@@ -872,14 +872,14 @@ def test_a_large_map_is_drawn_in_pieces(qtbot: QtBot, window: MainWindow, consol
 def test_a_hidden_picture_comes_back_with_the_present_one(window: MainWindow, console: FakeConsole) -> None:
     _, view = video(window)
     show_flat(console, (0, 0, 255))
-    window.dock_host.docks["video"].close()
+    window.dock_host.close_panel("video")
     show_flat(console, (0, 255, 0))
     window.dock_host.show_panel("video")
     assert pixel(view, 0.5, 0.3).getRgb()[:3] == (0, 255, 0)
 
 
 def test_a_click_on_a_title_takes_the_focus_there(qtbot: QtBot, window: MainWindow) -> None:
-    title = window.dock_host.docks["speak"].titleBarWidget()
+    title = window.dock_host.docks["speak"].title_bar
     qtbot.mouseClick(title, Qt.MouseButton.LeftButton, pos=QPoint(40, 15))
     assert find(window, "speak_field").hasFocus()
 

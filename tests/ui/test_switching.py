@@ -167,7 +167,7 @@ def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_continues_
     assert (begun in window.panels) is (begun in panels_in(chosen.layout))
     assert "map" in shown
     assert {name for name, dock in window.dock_host.docks.items() if dock.isVisible()} == shown
-    assert all(window.dock_host.docks[name].widget() is panel for name, panel in window.panels.items())
+    assert all(window.dock_host.docks[name].panel is panel for name, panel in window.panels.items())
 
 
 @pytest.mark.long

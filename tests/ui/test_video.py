@@ -188,7 +188,7 @@ def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPane
     assert panel.shown_title == "Rear camera"
     dock = window.dock_host.docks["video"]
     assert dock.windowTitle() == "Rear camera"
-    titles = [label.text() for label in dock.titleBarWidget().findChildren(QLabel)]
+    titles = [label.text() for label in dock.title_bar.findChildren(QLabel)]
     assert "Rear camera" in titles
     console.state.forget_cameras()
     assert panel.shown_title == "Video"

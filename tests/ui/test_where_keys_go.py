@@ -411,7 +411,7 @@ def settle(window: MainWindow) -> None:
 def clickable(window: MainWindow) -> list[QWidget]:
     """Each visible button, tab bar, panel, title bar and bar."""
     kinds = [*window.findChildren(QAbstractButton), *window.dock_host.bars, *window.panels.values()]
-    kinds += [dock.titleBarWidget() for dock in window.dock_host.docks.values()]
+    kinds += [dock.title_bar for dock in window.dock_host.docks.values()]
     kinds += window.findChildren(QWidget, "top_bar") + window.findChildren(QWidget, "status_bar")
     return [widget for widget in kinds if widget.isVisible() and widget.isEnabled()]
 

@@ -741,8 +741,6 @@ class ReplayPanels(QScrollArea):
         tree = self._docks.tree
         edge = lower_edge(tree, "video") if tree is not None else None
         for dock in self._docks.docks.values():
-            panel = dock.widget()
-            if panel is not None:
-                # Panels' own minimum sizes are for operating them, which a replay does not.
-                panel.setMinimumHeight(_LEAST_PANEL_PX)
+            # Panels' own minimum sizes are for operating them, which a replay does not.
+            dock.panel.setMinimumHeight(_LEAST_PANEL_PX)
         self._docks.setMinimumHeight(round(self.viewport().height() / edge) if edge else 0)

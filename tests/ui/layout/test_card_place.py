@@ -114,7 +114,7 @@ def test_cards_are_on_no_title_and_older_ones_say_only_what_it_is(window: MainWi
     first, second = window.problems.cards
     shown = window.problems.geometry()
     for dock in window.dock_host.docks.values():
-        title = dock.titleBarWidget()
+        title = dock.title_bar
         at = title.mapTo(window.dock_host, title.rect().topLeft())
         assert not title.isVisible() or not shown.intersects(title.rect().translated(at)), dock.name
     assert (first.height() < second.height()) and "Do that." in first.toolTip() and not second.toolTip()
@@ -137,7 +137,7 @@ def _taken(window: MainWindow) -> dict[str, QRect]:
     """Areas that no problem may cover: titles, tabs, the panels for input, and the emergency stop button."""
     taken = {"emergency stop": _place_of(find(window, "emergency_stop"), window)}
     for name, dock in window.dock_host.docks.items():
-        title, panel = dock.titleBarWidget(), dock.widget()
+        title, panel = dock.title_bar, dock.panel
         if title.isVisible():
             taken[f"title of {name}"] = _place_of(title, window)
         if panel is not None and panel.isVisible() and name in ("speak", "drive"):

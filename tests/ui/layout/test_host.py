@@ -325,7 +325,7 @@ def test_the_picture_has_no_title_bar_and_is_moved_floated_and_closed_by_its_han
         menu.close()
         QApplication.sendPostedEvents(menu, QEvent.Type.DeferredDelete)
         QApplication.processEvents()
-    assert not dock.isFloating()
+    assert not dock.floating
     middle, target = handle.rect().center(), host.docks["speak"]
     QTest.mousePress(handle, Qt.MouseButton.LeftButton, pos=middle)
     below = handle.mapFromGlobal(target.mapToGlobal(QPoint(target.width() // 2, target.height() - 4)))
@@ -333,7 +333,7 @@ def test_the_picture_has_no_title_bar_and_is_moved_floated_and_closed_by_its_han
     QTest.mouseRelease(handle, Qt.MouseButton.LeftButton, pos=below)
     assert dock.y() > target.y(), "dragged below Speak"
     host.float_panel("video", PLACE)
-    assert dock.isFloating() and view.mapTo(dock, QPoint()) == QPoint()
+    assert dock.floating and view.mapTo(dock, QPoint()) == QPoint()
     host.dock_panel("video")
     host.close_panel("video")
     assert not dock.isVisible()

@@ -189,7 +189,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_reported(
     host.move_panel("map", "video", "right")
     keeper.set_locked(True)
     before = arranged(window)
-    host.docks["drive"].close()
+    host.close_panel("drive")
     host.float_panel("video")
     host.move_panel("speak", "video", "left")
     handle = host._handles[0]
