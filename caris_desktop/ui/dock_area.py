@@ -458,15 +458,6 @@ class DockArea(QWidget):
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
 
-    def leave_room(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
-        """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the
-        tabs of removed panels disappear.
-        """
-        self.whole_tree, self._visible = tree, visible
-        for bar in [bar for bar in self.bars if not visible.issuperset(bar.panels)]:
-            self.bars.remove(bar)
-            layouts.discard(bar)
-
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.lay_out()

@@ -6,8 +6,7 @@ undocked. Here the layout value is the single source of truth, and the widgets f
 """
 
 from collections import deque
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Container, Mapping, Sequence
 from functools import partial
 
 from PySide6.QtCore import QEvent, QPoint, QRect, QSize, Qt, QTimer, Signal
@@ -166,7 +165,10 @@ class DockHost(DockArea):
         if self.arrangement is None or afloat:
             self.show_everything()
         else:
-            self.leave_room(self.arrangement.tree, self.arrangement.docked)
+            self.whole_tree, self._visible = self.arrangement.tree, self.arrangement.docked
+            for bar in [bar for bar in self.bars if not self._visible.issuperset(bar.panels)]:
+                self.bars.remove(bar)
+                layouts.discard(bar)
         for name, dock in self.docks.items():
             if name not in visible:
                 dock.set_shown(False)
@@ -203,30 +205,6 @@ class DockHost(DockArea):
         if name not in self.docks:
             self._make_dock(name, panel)
         self._do(tr("Open {panel}").format(panel=panel.title), edits.add(self.arrangement, name, beside))
-
-    def remove_panel(self, name: PanelName) -> bool:
-        """Remove and delete the panel; returns whether it was removed."""
-        if self.arrangement is None or name not in self.arrangement.panels:
-            return False
-        with self._keys_in_place_of(name):
-            if not self._change(tr("Close {panel}"), name, lambda layout, name: edits.remove(layout, (name,))):
-                return False
-        self._forget(name)
-        self._leave.start()
-        return True
-
-    @contextmanager
-    def _keys_in_place_of(self, name: PanelName) -> Iterator[None]:
-        """Move the focus of a removed panel to the panel that becomes visible in its place, unless bare keys would
-        drive there.
-        """
-        had = self._panel_of(focused_widget()) == name
-        group = next((found for area in self._areas if (found := area.placing.group_of(name)) is not None), None)
-        yield
-        panels = () if group is None else group.panels
-        visible = next((other for other in panels if other != name and self.docks[other].isVisible()), None)
-        if had and visible is not None and not self.docks[visible].panel.drives:
-            self._go_to(visible)
 
     def is_open(self, name: PanelName) -> bool:
         """Whether the panel is open, even if behind another tab."""
@@ -358,16 +336,32 @@ class DockHost(DockArea):
             focus_widget(self.docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
 
     def _do(self, description: str, after: DockLayout) -> None:
+        """Show the layout; with a ``description`` as an edit that can be undone."""
         before, self.arrangement = self.arrangement, after
         self.show_everything()
-        self.edited.emit(description, before)
+        if description:
+            self.edited.emit(description, before)
         self.layout_changed.emit()
 
-    def close_panel(self, name: PanelName) -> None:
-        """Hide the panel; ``show_panel`` restores it at the same place."""
-        if self.is_open(name):
-            with self._keys_in_place_of(name):
-                self._change(tr("Close {panel}"), name, edits.hide)
+    def close_panel(self, name: PanelName, *, remove: bool = False) -> bool:
+        """Hide the panel, which ``show_panel`` restores at the same place, or ``remove`` and delete it; returns whether
+        that was done. The focus moves from it to the panel that becomes visible in its place, unless bare keys would
+        drive there.
+        """
+        if not remove and not self.is_open(name):
+            return False
+        had_focus = self._panel_of(focused_widget()) == name
+        group = next((found for area in self._areas if (found := area.placing.group_of(name)) is not None), None)
+        change = (lambda layout, name: edits.remove(layout, (name,))) if remove else edits.hide
+        closed = self._change(tr("Close {panel}"), name, change)
+        others = group.panels if closed and had_focus and group is not None else ()
+        visible = next((other for other in others if other != name and self.docks[other].isVisible()), None)
+        if visible is not None and not self.docks[visible].panel.drives:
+            self._go_to(visible)
+        if closed and remove:
+            self._forget(name)
+            self._leave.start()
+        return closed
 
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed, and raise its tab."""
@@ -421,13 +415,10 @@ class DockHost(DockArea):
 
     def _on_tab_chosen(self, name: PanelName) -> None:
         """Selecting a tab changes the layout but is not an edit that can be undone."""
-        if self.arrangement is None:
-            return
-        after = edits.select(self.arrangement, name)
-        if after != self.arrangement:
-            self.arrangement = after
-            self.show_everything()
-            self.layout_changed.emit()
+        if self.arrangement is not None:
+            after = edits.select(self.arrangement, name)
+            if after != self.arrangement:
+                self._do("", after)
 
     def _on_resized_by_hand(
         self, window: int | None, path: tuple[int, ...], weights: tuple[float, ...], let_go: bool

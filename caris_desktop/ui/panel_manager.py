@@ -278,10 +278,8 @@ class PanelManager(QObject):
         self.complete()
         if name not in self._panels:
             return
-        if name in panels_in(self._context.console.scenario.layout):
-            self.docks.close_panel(name)
-            return
-        if self.docks.remove_panel(name):
+        added = name not in panels_in(self._context.console.scenario.layout)
+        if self.docks.close_panel(name, remove=added) and added:
             self._persist(name, self._panels.pop(name))
             self._bind_driving()
 
