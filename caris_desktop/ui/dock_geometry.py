@@ -3,6 +3,7 @@ screen size: panels are folded into tabs on small screens and spread on large on
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import accumulate, pairwise
 from typing import Literal
 
 from PySide6.QtCore import QRect, QSize
@@ -52,12 +53,7 @@ class GroupPlace(Value):
     @property
     def body(self) -> QRect:
         """Area below the tab bar."""
-        return below(self.rect, self.tab_bar.height())
-
-
-def below(rect: QRect, height: int) -> QRect:
-    """``rect`` without its upper ``height``."""
-    return QRect(rect.left(), rect.top() + height, rect.width(), max(0, rect.height() - height))
+        return self.rect.adjusted(0, self.tab_bar.height(), 0, 0)
 
 
 class Handle(Value):
@@ -110,28 +106,20 @@ def lengths(total_px: int, weights: Sequence[float], least: Sequence[int], squee
         floor = min(squeezed, total_px // count)
         over = [max(0, each - floor) for each in least]
         spare = (total_px - floor * count) / max(1, sum(over))
-        return _whole_pixels([floor + spare * each for each in over], total_px)
-    fixed: dict[int, float] = {}
-    while True:
-        free = [index for index in range(count) if index not in fixed]
-        total = sum(weights[index] for index in free)
-        left = total_px - sum(fixed.values())
-        small = [index for index in free if left * weights[index] < least[index] * total]
-        if not small:
-            return _whole_pixels(
-                [fixed[i] if i in fixed else left * weights[i] / total for i in range(count)], total_px
-            )
-        fixed |= {index: float(least[index]) for index in small}
-
-
-def _whole_pixels(parts: Sequence[float], total_px: int) -> list[int]:
-    """Round lengths without losing a pixel in total."""
-    edges, position = [0], 0.0
-    for part in parts:
-        position += part
-        edges.append(round(position))
-    edges[-1] = total_px
-    return [max(0, edges[i + 1] - edges[i]) for i in range(len(parts))]
+        parts = [floor + spare * each for each in over]
+    else:
+        fixed: dict[int, float] = {}
+        while True:
+            free = [index for index in range(count) if index not in fixed]
+            total, left = sum(weights[index] for index in free), total_px - sum(fixed.values())
+            small = [index for index in free if left * weights[index] < least[index] * total]
+            if not small:
+                break
+            fixed |= {index: float(least[index]) for index in small}
+        parts = [fixed[i] if i in fixed else left * weights[i] / total for i in range(count)]
+    edges = [round(edge) for edge in accumulate(parts, initial=0.0)]
+    edges[-1] = total_px  # no pixel is lost by rounding
+    return [max(0, after - before) for before, after in pairwise(edges)]
 
 
 def place(whole: LayoutNode, area: QRect, visible: Collection[str], least: RoomOf) -> DockGeometry:
@@ -350,11 +338,9 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
     tab_bar = 0 if PanelLeaf("video") in groups_in(tree) else TAB_BAR_PX
     beside = _others(splits[across], path[across])
     around = [] if down is None else _others(splits[down], path[down])
-    most_height = (
-        (totals[1] if around else now[1]) - sum(_need_in_front(child, 1) for child, _share in around) - tab_bar
-    )
+    most_height = (totals[1] if around else now[1]) - sum(_need(child, 1) for child, _share in around) - tab_bar
     in_row = down is None or across > down  # something lies beside the picture in the same column
-    most_width = totals[0] - sum(_need_in_front(child, 0) for child, _share in beside) if in_row else now[0]
+    most_width = totals[0] - sum(_need(child, 0) for child, _share in beside) if in_row else now[0]
     if down is None:  # the others need not get more than they have
         most_width = max(most_width, now[0])
     if most_height + tab_bar < _LEAST_PICTURE[1] or most_width < _LEAST_PICTURE[0]:
@@ -369,14 +355,14 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
             for panel in folded:
                 rest = _with_tabs(rest, PanelLeaf(panel))
             return _around_picture(tidy(rest), width, height, aspect)
-    in_column = 0 if in_row else max(_need_in_front(child, 0) for child, _share in around)
+    in_column = 0 if in_row else max(_need(child, 0) for child, _share in around)
     lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height + tab_bar}
     for depth, length in lengths_at.items():
         if depth is None:
             continue
         axis = 0 if depth == across else 1
         others = _others(splits[depth], path[depth])
-        needs = [_need_in_front(child, axis) for child, _share in others]
+        needs = [_need(child, axis) for child, _share in others]
         left = lengths(totals[axis] - round(length), [share for _child, share in others], needs, 0)
         weights = [float(max(1, each)) for each in left]
         weights.insert(path[depth], length)
@@ -389,21 +375,12 @@ def _others(split: SplitNode, index: int) -> list[tuple[LayoutNode, float]]:
     return parts[:index] + parts[index + 1 :]
 
 
-def _comfort(panel: PanelName) -> Room:
-    return COMFORT.get(panel, _OTHER_ROOM)
-
-
-def _need(node: LayoutNode, axis: int) -> int:
-    """Extent in which every panel has its comfortable size, also those behind tabs."""
-    return least_room(node, panels_in(node), _comfort)[axis]
-
-
-def _need_in_front(node: LayoutNode, axis: int) -> int:
-    """Extent in which every visible panel has its comfortable size."""
-    fronts = {front_of(group) for group in groups_in(node)}
+def _need(node: LayoutNode, axis: int, *, in_front: bool = True) -> int:
+    """Extent in which every visible panel, or also those behind tabs, has its comfortable size."""
+    needing = {front_of(group) for group in groups_in(node)} if in_front else panels_in(node)
 
     def room(panel: PanelName) -> Room:
-        return _comfort(panel) if panel in fronts else (0, 0)
+        return COMFORT.get(panel, _OTHER_ROOM) if panel in needing else (0, 0)
 
     return least_room(node, panels_in(node), room)[axis]
 
@@ -424,10 +401,7 @@ def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
     axis = 0 if node.split == "horizontal" else 1
     length_px = (width, height)[axis]
     parts = list(zip(node.children, shares(node), strict=True))
-    while (
-        len(parts) > 1
-        and sum(_need_in_front(child, axis) for child, _ in parts) + GAP_PX * (len(parts) - 1) > length_px
-    ):
+    while len(parts) > 1 and sum(_need(child, axis) for child, _ in parts) + GAP_PX * (len(parts) - 1) > length_px:
         foldable = [i for i in range(len(parts)) if _rank(parts[i][0]) >= ALWAYS_SEEN]
         if not foldable:
             break
@@ -439,7 +413,7 @@ def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
     if len(parts) == 1:
         return _compact(parts[0][0], width, height)
     room = length_px - GAP_PX * (len(parts) - 1)
-    given = lengths(room, [share for _, share in parts], [_need_in_front(child, axis) for child, _ in parts], 0)
+    given = lengths(room, [share for _, share in parts], [_need(child, axis) for child, _ in parts], 0)
     children = tuple(
         _compact(child, *((length, height) if axis == 0 else (width, length)))
         for (child, _), length in zip(parts, given, strict=True)
@@ -474,10 +448,10 @@ def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
     for axis, split in enumerate(_DIRECTIONS):
         for alone in range(len(node.tabs) - 1, 0, -1):
             parts = _first_alone(node, alone)
-            across = max(_need(part, 1 - axis) for part in parts)
-            along = sum(_need(part, axis) for part in parts) + GAP_PX * (len(parts) - 1)
+            across = max(_need(part, 1 - axis, in_front=False) for part in parts)
+            along = sum(_need(part, axis, in_front=False) for part in parts) + GAP_PX * (len(parts) - 1)
             if along <= (width, height)[axis] and across <= (width, height)[1 - axis]:
-                return SplitNode(split, parts, tuple(float(_need(part, axis)) for part in parts))
+                return SplitNode(split, parts, tuple(float(_need(part, axis, in_front=False)) for part in parts))
     return node
 
 

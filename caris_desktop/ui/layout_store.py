@@ -4,8 +4,10 @@ lock and record.
 
 import json
 import logging
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import field
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -111,7 +113,7 @@ class LayoutStore(QObject):
         self._trees: dict[SizeClass, LayoutNode] = {}
         self._baseline: LayoutNode | None = None
         self._touched = self._resetting = False
-        self._histories: dict[SizeClass, QUndoStack] = {}
+        self._histories = defaultdict[SizeClass, QUndoStack](partial(QUndoStack, undoLimit=MOST_UNDO_STEPS))
         self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self.rest.timeout.connect(self.record_layout)
         docks.layout_changed.connect(self.rest.start)
@@ -160,7 +162,7 @@ class LayoutStore(QObject):
         name = scenario.path.name if scenario.path is not None else scenario.title
         trees = self._trees_of(scenario, tree)
         if (name, trees) != (self._name, self._trees):
-            self._histories = {}
+            self._histories.clear()
         self._name, self._trees = name, trees
         self._docks.set_locked(not self._in_replay and self._file.is_locked(name))
         return self._load(self._kind_now())
@@ -284,7 +286,7 @@ class LayoutStore(QObject):
 
     def _on_wizard_changed(self) -> None:
         if self._trees and not self._in_replay:
-            self._histories = {}
+            self._histories.clear()
             self._docks.set_locked(self._file.is_locked(self._name))
             self._board.show(self._load(self._kind_now()))
 
@@ -330,9 +332,6 @@ class LayoutStore(QObject):
 
     @property
     def _history(self) -> QUndoStack:
-        if self._kind not in self._histories:
-            self._histories[self._kind] = QUndoStack()
-            self._histories[self._kind].setUndoLimit(MOST_UNDO_STEPS)
         return self._histories[self._kind]
 
     def commands(self) -> tuple[LayoutCommand, ...]:

@@ -21,7 +21,7 @@ from caris_desktop.ui.accessibility import announce, has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.dock_area import DockArea
-from caris_desktop.ui.dock_geometry import GroupPlace, below
+from caris_desktop.ui.dock_geometry import GroupPlace
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from caris_desktop.ui.text_formatting import wrapped_tip
@@ -371,7 +371,7 @@ def card_place(
     popups for a width. ``taken``: areas of popups that ask a question and must not be covered; ``controls``: of buttons
     and fields, which must not be covered either.
     """
-    rooms = {group.current: below(group.body, TITLE_HEIGHT_PX) for group in groups}
+    rooms = {group.current: group.body.adjusted(0, TITLE_HEIGHT_PX, 0, 0) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
     if "video" in rooms and rooms["video"].width() >= _WIDE_PX:
         tries.append(("video", 1.0))  # next to its centre
