@@ -2,7 +2,9 @@
 
 Panels are not QDockWidgets: QMainWindow exposes dock positions only, so the layout tree had to be guessed from
 rectangles, sizes drifted with each save and restore, and Qt versions differed in whether one tab or all tabs were
-undocked. Here the layout value is the single source of truth, and the widgets follow from it.
+undocked. Here the layout value is the single source of truth, and the widgets follow from it. Nor are they in nested
+QSplitters, whose parents change with each edit: moving seven docks into others blocked the GUI thread for 71 ms, as Qt
+restyles all children, instead of 0.7 ms.
 """
 
 from collections import deque
