@@ -15,6 +15,7 @@ from caris_desktop.live.status import ExportStatus
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.form_dialog import file_dialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
@@ -77,8 +78,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             toolTip=tr("For spreadsheets that show letters such as ü or é incorrectly."),
         )  # fmt: skip
         self._boxes: dict[str, CheckBox] = {}
-        self._bar = QProgressBar(textVisible=False)
-        self._bar.setObjectName("export_progress")
+        self._bar = named(QProgressBar(textVisible=False), "export_progress")
         self._bar.setRange(0, 1000)
         self._description = label(tone="dim", wraps=True, objectName="export_what")
         self._description.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

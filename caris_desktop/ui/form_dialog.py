@@ -7,6 +7,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from caris_desktop.ui import layouts
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.containers import Scrolled
@@ -40,8 +41,7 @@ def file_dialog(
 
     Not modal and not the system's, which would take the keys that stop the robot.
     """
-    dialog = QFileDialog(parent, title, str(folder or Path.home()), files)
-    dialog.setObjectName(name)
+    dialog = named(QFileDialog(parent, title, str(folder or Path.home()), files), name)
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.setFileMode(mode)

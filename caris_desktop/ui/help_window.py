@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin, focused_widget
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -81,9 +82,7 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("help_window")
         self.setWindowTitle(tr("Help · CARIS Desktop"))
-        self.browser = GuideBrowser()
-        self.browser.setObjectName("help_page")
-        self.browser.setAccessibleName(tr("Guide"))
+        self.browser = named(GuideBrowser(), "help_page", tr("Guide"))
         pages = DropDown(theme, "help_pages", tr("Page"))
         for title, name in sorted((_title(path), path.name) for path in guide_dir().glob("*.md")):
             pages.addItem(title, name)

@@ -43,8 +43,8 @@ def restyle(widget: QWidget, **properties: object) -> None:
 class ElidedLabel(QLabel):
     """Label whose lines are elided; its tooltip has the whole text."""
 
-    def __init__(self, *, role: str = "", tone: str = "") -> None:
-        super().__init__()
+    def __init__(self, *, role: str = "", tone: str = "", **qt: Any) -> None:
+        super().__init__(**qt)
         self.setProperty("role", role)
         self.setProperty("tone", tone)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
