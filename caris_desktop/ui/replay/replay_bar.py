@@ -28,7 +28,7 @@ from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessibility import has_role
+from caris_desktop.ui.accessibility import has_role, named
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.replay.timeline_items import exact_text
@@ -62,8 +62,7 @@ class ReplayBar(QWidget):
 
     def __init__(self, theme: Theme, replay: ReplayConsole, actions: Actions) -> None:
         super().__init__()
-        self.setObjectName("replay_bar")
-        self.setAccessibleName(tr("Replay"))
+        named(self, "replay_bar", tr("Replay"))
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setMinimumWidth(_NARROWEST_PX)  # parts that can be hidden must not set it
         self._replay = replay
@@ -85,9 +84,8 @@ class ReplayBar(QWidget):
             button.bind(actions, action_id)
             self._buttons[action_id] = button
         self._times = ReplayTimes()
-        self._rate = DropDown(theme, "replay_rate", tr("Replay speed"))
+        self._rate = DropDown(theme, "replay_rate", tr("Replay speed"), minimumContentsLength=5)
         self._rate.setToolTip(tr("Replay speed. Slower with <, faster with >"))
-        self._rate.setMinimumContentsLength(5)
         self._rate.activated.connect(lambda index: replay.set_rate(self._rate.itemData(index)))
         self._hint = label("", "note", objectName="replay_hint")
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

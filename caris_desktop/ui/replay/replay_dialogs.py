@@ -30,6 +30,7 @@ from caris_desktop.recording.annotation.annotation_editing import LONGEST_NAME, 
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.coder_agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.ui import layouts
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.form_dialog import FormDialog, file_dialog
 from caris_desktop.ui.replay.timeline_items import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.theme import Theme
@@ -194,9 +195,7 @@ class TierDialog(_Dialog):
         if tier is not None and tier.vocabulary:
             self._labels.setCurrentIndex(self._labels.findData(tier.vocabulary))
         self._labels.currentIndexChanged.connect(self._on_labels_chosen)
-        self._list = QPlainTextEdit(tabChangesFocus=True)
-        self._list.setObjectName("tier_labels")
-        self._list.setAccessibleName(tr("Labels, one per line"))
+        self._list = named(QPlainTextEdit(tabChangesFocus=True), "tier_labels", tr("Labels, one per line"))
         self._list.setPlaceholderText(
             tr("One label per line, with its meaning after a colon:\ncurious: leans in, asks")
         )
@@ -292,9 +291,7 @@ class ImportDialog(_Dialog):
             "hint",
             "note",
         )
-        self.path_field = QLineEdit()
-        self.path_field.setObjectName("import_path")
-        self.path_field.setAccessibleName(tr("File"))
+        self.path_field = named(QLineEdit(), "import_path", tr("File"))
         self.path_field.returnPressed.connect(self._on_import)
         browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36, objectName="import_browse")
         browse.clicked.connect(self.browse)
@@ -398,8 +395,7 @@ class AgreementDialog(_Dialog):
             "table_words",
             "note",
         )
-        self._table = QTableWidget()
-        self._table.setObjectName("agreement_table")
+        self._table = named(QTableWidget(), "agreement_table")
         self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self._table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self._table.setFocusPolicy(Qt.FocusPolicy.NoFocus)
