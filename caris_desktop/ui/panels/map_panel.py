@@ -18,6 +18,7 @@ from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.map.map_state import Layer, legend
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
@@ -72,13 +73,22 @@ class MapPanel(Panel):
         from caris_desktop.ui.map.map_tools import MapTools
         from caris_desktop.ui.map.map_view import MapView
 
-        self.view = MapView(self.theme, self, self.state.places.value)
-        self.view.setObjectName("map_view")
+        self.view = named(MapView(self.theme, self, self.state.places.value), "map_view")
         self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.tools = MapTools(self, self.view)
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
-        self._make_buttons()
+        self._go_menu = named(QMenu(self), "map_go_menu")
+        button = partial(ActionButton, self.theme, height_px=30, may_lose_words=True)
+        self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
+        self._go.setToolTip(tr("Send the robot to a place"))
+        self._go.clicked.connect(self._open_go_menu)
+        self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
+        self._legend: list[QLabel] = []
+        self._menu = named(QMenu(self), "map_menu")
+        self._more = button(icon="dots-three-vertical", objectName="map_menu_button", toolTip=tr("Map tools and view"))
+        self._more.clicked.connect(self._open_menu)
         self._below = FlowRow()
         layouts.vbox(self, (self.view, 1), self._below, margins_px=(8, 6, 8, 8), spacing_px=6)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
@@ -157,21 +167,6 @@ class MapPanel(Panel):
         at = QPoint(8, self.view.height() - size.height() - 8)
         self._confirm.setGeometry(QRect(at, size))
 
-    def _make_buttons(self) -> None:
-        self._go_menu = QMenu(self)
-        self._go_menu.setObjectName("map_go_menu")
-        button = partial(ActionButton, self.theme, height_px=30, may_lose_words=True)
-        self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
-        self._go.setToolTip(tr("Send the robot to a place"))
-        self._go.clicked.connect(self._open_go_menu)
-        self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
-        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._legend: list[QLabel] = []
-        self._menu = QMenu(self)
-        self._menu.setObjectName("map_menu")
-        self._more = button(icon="dots-three-vertical", objectName="map_menu_button", toolTip=tr("Map tools and view"))
-        self._more.clicked.connect(self._open_menu)
-
     def title_widgets(self) -> list[QWidget]:
         return [self._go, self._cancel, self._more]
 
@@ -190,8 +185,7 @@ class MapPanel(Panel):
                 f"{html.escape(word)}</span>"
             )
         while len(self._legend) < len(texts):
-            label = QLabel(self._below, textFormat=Qt.TextFormat.RichText)
-            label.setObjectName("map_legend")
+            label = named(QLabel(self._below, textFormat=Qt.TextFormat.RichText), "map_legend")
             self._legend.append(label)
             self._below.add(label)
         for number, label in enumerate(self._legend):
