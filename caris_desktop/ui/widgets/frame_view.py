@@ -338,7 +338,9 @@ class FrameView(QWidget):
                 self._paint_detections(painter)
             if self._freshness == "fresh":
                 self._paint_spot(painter)
-        self._paint_chips(painter)
+        for text, role, place in self._chip_places():
+            paint = partial(self._paint_chip, text, role, place.width())
+            draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
         # The card belongs to the panel: a camera strip may be next to the view.
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
         draw_card_edge(painter, self._theme, card, active=self._panel.active, whole=self.whole_card)
@@ -490,11 +492,6 @@ class FrameView(QWidget):
         middle = bounds.center().x() - self._tag_size(text).width() / 2
         self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, "box_named")
         painter.restore()
-
-    def _paint_chips(self, painter: QPainter) -> None:
-        for text, role, place in self._chip_places():
-            paint = partial(self._paint_chip, text, role, place.width())
-            draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
 
     def _chip_places(self) -> list[tuple[str, str, QRectF]]:
         """Texts, roles and rectangles of labels that fit: each in the lower of two rows if it has room there."""
