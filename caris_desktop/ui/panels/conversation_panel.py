@@ -16,6 +16,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, PhotoEntry, ProposalStatus, SuggestionsStatus
 from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.transcript_view import RowMaker, TranscriptView, found_in
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
@@ -48,8 +49,7 @@ class SuggestionCards(QWidget):
         self._context = context
         self._state = context.console.state
         self.cards = [_Card(context, rank) for rank in range(1, MOST_REPLIES + 1)]
-        self._from = ElidedLabel(role="small")
-        self._from.setObjectName("suggestions_from")
+        self._from = ElidedLabel(role="small", objectName="suggestions_from")
         self._dismiss = ActionButton(
             context.theme, tr("Dismiss all"), role="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
@@ -475,10 +475,8 @@ class _SearchLine(QWidget):
     def __init__(self, panel: ConversationPanel) -> None:
         super().__init__()
         self._panel = panel
-        self.field = _SearchField(panel)
-        self.field.setObjectName("transcript_search")
+        self.field = named(_SearchField(panel), "transcript_search", tr("Search the transcript"))
         self.field.setPlaceholderText(tr("Search the transcript"))
-        self.field.setAccessibleName(tr("Search the transcript"))
         self.field.textChanged.connect(panel.search)
         self._found = label("", "note", objectName="transcript_found")
         close = ActionButton(panel.theme, "", icon="x", height_px=30, accessibleName=tr("Close the search"))

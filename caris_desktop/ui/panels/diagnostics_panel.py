@@ -26,6 +26,7 @@ from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
 from caris_desktop.ros.message_conversion import republish_advice
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -322,9 +323,7 @@ class DiagnosticsPanel(Panel):
         self._sorted = QSortFilterProxyModel(self)
         self._sorted.setSourceModel(self.model)
         self._sorted.setSortRole(_SORT_ROLE)
-        self.view = QTableView()
-        self.view.setObjectName("diagnostics_table")
-        self.view.setAccessibleName(tr("Topics of the robot"))
+        self.view = named(QTableView(), "diagnostics_table", tr("Topics of the robot"))
         self.view.setModel(self._sorted)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)

@@ -15,6 +15,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -65,8 +66,7 @@ class PeoplePanel(Panel):
         self._empty.setContentsMargins(24, 8, 24, 8)
         self._portraits = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
         self.model = PeopleModel(self.state.present, self)
-        self.list = PeopleList(self.theme, self.model, self._portraits)
-        self.list.setObjectName("people_list")
+        self.list = named(PeopleList(self.theme, self.model, self._portraits), "people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self._refresh)
         self.list.naming_changed.connect(self.state.named_person.set)
@@ -139,9 +139,8 @@ class PeoplePanel(Panel):
             search.setAccessibleName(tr("Find a person"))
             search.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
             search.clicked.connect(lambda: self._open_search() if self._search.isHidden() else self._close_search())
-            unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
+            unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX, checkable=True)
             unfold.setObjectName("people_unfold")
-            unfold.setCheckable(True)
             unfold.setChecked(self._unfolded)
             unfold.toggled.connect(self._on_unfolded)
             unfold.hide()

@@ -40,6 +40,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -74,8 +75,7 @@ class PhotosPanel(Panel):
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
         add_clear_button(self.search)
         self.search.textChanged.connect(self._refresh)
-        self.choice = DropDown(self.theme, "photo_filter", tr("Photo filter"))
-        self.choice.setMinimumContentsLength(8)
+        self.choice = DropDown(self.theme, "photo_filter", tr("Photo filter"), minimumContentsLength=8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
         around = (10, 6, 10, 2)
@@ -209,8 +209,7 @@ class PhotoGrid(QListView):
 
     def __init__(self, theme: Theme, model: QAbstractItemModel) -> None:
         super().__init__()
-        self.setObjectName("photo_grid")
-        self.setAccessibleName(tr("Photos, newest first"))
+        named(self, "photo_grid", tr("Photos, newest first"))
         self.setModel(model)
         self.setItemDelegate(PhotoDelegate(theme, self))
         set_up_list(self)
@@ -293,8 +292,7 @@ class LargePhoto(QWidget):
         super().__init__()
         self._photo: PhotoEntry | None = None
         self.picture = _Picture()
-        self.about = ElidedLabel()
-        self.about.setObjectName("photo_about")
+        self.about = ElidedLabel(objectName="photo_about")
         self.tags = SubmitLineEdit(objectName="photo_tags", maxLength=400, returnPressed=self._on_tags_entered)
         self.tags.setPlaceholderText(tr("Tags separated by commas, then Enter"))
         self.tags.setAccessibleName(tr("Tags of this photo"))

@@ -24,6 +24,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.status_bar import ROOM_LOW_S
@@ -95,16 +96,13 @@ class SessionPanel(Panel):
             toolTip=tr("Events to show"), clicked=self._open_filter_menu,
         )  # fmt: skip
         self._category = ""
-        self._filter_menu = QMenu(self)
-        self._filter_menu.setObjectName("log_filter_menu")
+        self._filter_menu = named(QMenu(self), "log_filter_menu")
         for category in ("", *event_messages.CATEGORIES):
             action = self._filter_menu.addAction(tr(category or _EVERYTHING))
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
         self._entries: list[LogEntry] = []
         self._model = KeyedItems[LogEntry](self, lambda entry: entry.key or id(entry), self._fill)
-        self._log = EventLogView()
-        self._log.setObjectName("event_log")
-        self._log.setAccessibleName(tr("Event log"))
+        self._log = named(EventLogView(), "event_log", tr("Event log"))
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
         self._log.setMinimumHeight(LOG_LEAST_LINES * LOG_LINE_PX)

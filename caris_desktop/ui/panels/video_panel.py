@@ -16,6 +16,7 @@ from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import text_formatting
+from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import IdentityQuestion, as_permitted, with_one_question
 from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, ahead_of, ahead_words, gaze_is_away
@@ -68,8 +69,7 @@ class VideoPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("video_panel")
-        self.view = FrameView(self.theme, self)
-        self.view.setObjectName("video_view")
+        self.view = named(FrameView(self.theme, self), "video_view")
         self._seen = RecentlyVisible()
         self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.strip = CameraStrip(self.theme, self)
@@ -81,9 +81,8 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         self._offer_photos()
-        self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"))
-        self._cameras.setMinimumContentsLength(6)
-        self._cameras.activated.connect(self._on_camera_chosen)
+        self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"), minimumContentsLength=6)
+        self._cameras.activated.connect(lambda index: self.state.choose_camera(str(self._cameras.itemData(index))))
         self.motion = None if context.observed else RobotMotion(self.state, self)
         if self.motion is not None:
             self.motion.changed.connect(self._on_motion_changed)
@@ -176,9 +175,6 @@ class VideoPanel(Panel):
         self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
         self.strip.use_place(place)
         self.strip.refresh_all()
-
-    def _on_camera_chosen(self, index: int) -> None:
-        self.state.choose_camera(str(self._cameras.itemData(index)))
 
     def focus_target(self) -> QWidget:
         return self.view
