@@ -5,9 +5,9 @@ from dataclasses import replace
 from textwrap import shorten
 from typing import TYPE_CHECKING, Literal
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QFont, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen, QResizeEvent
-from PySide6.QtWidgets import QAbstractButton, QApplication, QSizePolicy, QWidget
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QHideEvent, QIcon, QResizeEvent
+from PySide6.QtWidgets import QApplication, QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LATE_FROM_S
@@ -24,11 +24,11 @@ from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import duration
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import CheckBox
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, restyle
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 if TYPE_CHECKING:
@@ -40,7 +40,9 @@ StepState = Literal["done", "skipped", "now", "late", "ahead"]
 _PILL_PX = 28
 _PILL_SIDE_PX, _ICON_PX, _PILL_GAP_PX = 12, 14, 6
 _PILLS_LEAST_PX = 130
-_PILL_ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now": "", "late": "", "ahead": ""}
+_PILL_ICONS: dict[StepState, str] = {
+    "done": "check", "skipped": "skip-forward", "now": "caret-down", "late": "caret-down", "ahead": "",
+}  # fmt: skip
 
 
 class DisplayedStep(Value):
@@ -71,77 +73,51 @@ class DisplayedStep(Value):
         return named.format(number=self.number, title=self.title, time=self.time)
 
 
-class StepPill(QAbstractButton):
+class StepPill(QPushButton):
     """Button of a step. A click does not take the focus."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
         self._theme = theme
         self.step = DisplayedStep("", 0, "", "ahead")
+        self.setProperty("role", "pill")
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
+        self.setIconSize(QSize(_ICON_PX, _ICON_PX))
+        theme.changed.connect(self._show_icon)
 
     def show_step(self, step: DisplayedStep) -> None:
         if step != self.step:
             self.step = step
-            self.setText(step.text)
             self.setAccessibleName(step.words)
             self.setToolTip(step.words)
-            self.update()
+            self.setText(step.text.replace("&", "&&"))
+            restyle(self, tone={"now": "blue", "late": "amber"}.get(step.state, ""))
+            self._show_icon()
+
+    def _show_icon(self) -> None:
+        present, name = self.step.state in ("now", "late"), _PILL_ICONS[self.step.state]
+        self.setIcon(icon(name, self._theme.color("text" if present else "dim"), _ICON_PX) if name else QIcon())
+        # The arrow of the list of steps follows the text.
+        self.setLayoutDirection(Qt.LayoutDirection.RightToLeft if present else Qt.LayoutDirection.LeftToRight)
 
     def wanted_px(self) -> int:
         # Measured with wide digits, so that a running time moves nothing.
-        text = "".join("0" if sign.isdigit() else sign for sign in self.text())
-        width = QFontMetricsF(self._font()).horizontalAdvance(text) + 2 * _PILL_SIDE_PX + 1
-        width += _ICON_PX + 6 if _PILL_ICONS[self.step.state] else 0
-        return round(width + (_ICON_PX + 4 if self._is_present else 0))
+        wide = "".join("0" if sign.isdigit() else sign for sign in self.step.text)
+        return self.fontMetrics().horizontalAdvance(wide) + self._around_px
+
+    @property
+    def _around_px(self) -> int:
+        return 2 * _PILL_SIDE_PX + 2 + (_ICON_PX + 6 if _PILL_ICONS[self.step.state] else 0)
 
     def sizeHint(self) -> QSize:
         return QSize(self.wanted_px(), _PILL_PX)
 
-    @property
-    def _is_present(self) -> bool:
-        return self.step.state in ("now", "late")
-
-    def _font(self) -> QFont:
-        return self._theme.font(
-            tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if self._is_present else tokens.WEIGHT_NORMAL
-        )
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme, state = self._theme, self.step.state
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        role = {"now": "blue", "late": "amber"}.get(state, "")
-        ground = theme.color(f"{role}_soft") if role else theme.color("raised_hover" if self.underMouse() else "raised")
-        ink = theme.color("text" if role else "dim")
-        painter.setPen(QPen(theme.color(role), 1.4) if role else Qt.PenStyle.NoPen)
-        painter.setBrush(ground)
-        rect = QRectF(self.rect()).adjusted(0.7, 0.7, -0.7, -0.7)
-        painter.drawRoundedRect(rect, rect.height() / 2, rect.height() / 2)
-        if self.hasFocus():
-            painter.setPen(QPen(theme.color("blue"), 2))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), rect.height() / 2 - 1, rect.height() / 2 - 1)
-        left, right, middle = float(_PILL_SIDE_PX), self.width() - float(_PILL_SIDE_PX), self.height() / 2
-        icon = _PILL_ICONS[self.step.state]
-        if icon:
-            draw_icon(painter, QRectF(left, middle - _ICON_PX / 2, _ICON_PX, _ICON_PX), icon, ink)
-            left += _ICON_PX + 6
-        if self._is_present:
-            right -= _ICON_PX
-            draw_icon(painter, QRectF(right + 2, middle - 6, 12, 12), "caret-down", ink)
-            right -= 4
-        font = self._font()
-        painter.setFont(font)
-        painter.setPen(ink)
-        text = QFontMetricsF(font).elidedText(self.text(), Qt.TextElideMode.ElideRight, right - left + 1)
-        painter.drawText(
-            QRectF(left, 0, right - left + 2, self.height()),
-            int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),
-            text,
-        )
+    def place(self, left_px: int, width_px: int) -> None:
+        """Place in the row, with as much of the text as fits."""
+        right = Qt.TextElideMode.ElideRight
+        text = self.fontMetrics().elidedText(self.step.text, right, width_px - self._around_px + 1)
+        self.setText(text.replace("&", "&&"))
+        self.setGeometry(left_px, 0, width_px, _PILL_PX)
 
 
 class StepPills(QWidget):
@@ -214,7 +190,7 @@ class StepPills(QWidget):
             pill.setVisible(first <= index <= last)
             if first <= index <= last:
                 width = min(widths_px[index], self.width())
-                pill.setGeometry(left, 0, width, _PILL_PX)
+                pill.place(left, width)
                 left += width + _PILL_GAP_PX
 
     def resizeEvent(self, event: QResizeEvent) -> None:

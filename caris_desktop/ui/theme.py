@@ -290,6 +290,17 @@ QLabel#welcome {{ font-size: 24px; }}
 QPushButton[role="step"] {{ background: transparent; border: 0; border-radius: {radius}px; }}
 QPushButton[role="step"]:checked, QPushButton[role="step"]:hover {{ background: {colors.raised}; }}
 QPushButton[role="step"]:focus {{ border: 2px solid {colors.blue}; }}
+QPushButton[role="pill"] {{
+    background: {colors.raised}; color: {colors.dim}; border: 1px solid transparent; border-radius: 14px;
+    padding: 0 11px; font-size: {status + 1}px; text-align: left;
+}}
+QPushButton[role="pill"]:hover {{ background: {colors.raised_hover}; }}
+QPushButton[role="pill"][tone="blue"], QPushButton[role="pill"][tone="amber"] {{
+    background: {colors.blue_soft}; color: {colors.text}; border-color: {colors.blue};
+    font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QPushButton[role="pill"][tone="amber"] {{ background: {colors.amber_soft}; border-color: {colors.amber}; }}
+QPushButton[role="pill"]:focus {{ border: 2px solid {colors.blue}; padding: 0 10px; }}
 QPushButton[role="choice"] {{
     background: {colors.raised}; border: 1px solid {colors.line}; border-radius: {tokens.PANEL_RADIUS_PX}px;
 }}
