@@ -562,11 +562,11 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path):
         stream.clear()
     tell_odometry(console, 5.0, at_ns=now_ns - 3_100_000_000)
-    assert not any("odometry" in words for words, _role in view.chips), "it may still tell where it is"
+    assert not any("odometry" in words for words, _role in view.map_state.chips), "it may still tell where it is"
     tell_odometry(console, 5.0, at_ns=now_ns)
     tell_odometry(console, 5.0, at_ns=clock.now_ns())
     panel._refresh()
-    assert ("No map: position from odometry", "hint") in view.chips
+    assert ("No map: position from odometry", "hint") in view.map_state.chips
     image = view.grab().toImage()
     hit = view.to_view(7.1, 1.0).toPoint()
     near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]
@@ -576,9 +576,9 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     choose(panel, "map_tool_goal")
     assert view.map_state.tool == "look"
     assert not console.named("go_to")
-    assert ("Goals and places need a map", "warning") in view.chips
+    assert ("Goals and places need a map", "warning") in view.map_state.chips
     state.add(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
-    assert not any("odometry" in words for words, _role in view.chips)
+    assert not any("odometry" in words for words, _role in view.map_state.chips)
     assert len(view.map_state.trail) == 1, "what was driven by odometry has no place in the map"
     assert view.place_position("Kitchen") is not None
 
@@ -594,7 +594,7 @@ def test_a_distance_is_measured_by_drag_or_by_two_clicks(panel: MapPanel, consol
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 3.0, 2.0))
     QTest.mouseMove(panel.view.viewport(), at(panel, 3.0, 5.0))
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 3.0, 5.0))
-    assert panel.view.map_state.hint.startswith("3.0") or panel.view.map_state.hint.startswith("2.9"), panel.view.map_state.hint
+    assert panel.view.map_state.hint.startswith(("3.0", "2.9"))
     QTest.keyClick(panel.view, Qt.Key.Key_Escape)
     assert (panel.view.map_state.tool, panel.view.map_state.hint) == ("look", "")
     assert console.named("go_to") == []
