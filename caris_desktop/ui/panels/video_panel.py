@@ -203,19 +203,12 @@ class VideoPanel(Panel):
         naming = self.console.scenario.permissions.naming_people
         question: IdentityQuestion | None = self.state.asked_person.value
         persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), question)
-        key = self.table.key_text("answer_yes")
-        self.view.show_names(
-            {
-                person.person_id: (
-                    text_formatting.on_box(
-                        person, key if question is not None and question.person_id == person.person_id else ""
-                    ),
-                    text_formatting.has_given_name(person),
-                )
-                for person in persons
-            },
-            frozenset(person.person_id for person in persons if person.suggestion is not None),
-        )
+        keys = {} if question is None else {question.person_id: self.table.key_text("answer_yes")}
+        names = {}
+        for person in persons:
+            words = text_formatting.on_box(person, keys.get(person.person_id, ""))
+            names[person.person_id] = words, text_formatting.has_given_name(person)
+        self.view.show_names(names, frozenset(person.person_id for person in persons if person.suggestion is not None))
 
     def _on_freshness_changed(self, freshness: str) -> None:
         self.view.show_freshness(freshness)
