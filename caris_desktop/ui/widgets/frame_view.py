@@ -385,14 +385,10 @@ class FrameView(QWidget):
     def _paint_stale(self, painter: QPainter) -> None:
         text = tr("Picture is {age} old").format(age=text_formatting.age(self._age_s or 0.0))
         font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
-        width = QFontMetricsF(font).horizontalAdvance(text) + 32
-        rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(self._theme.color("video_chip"))
-        painter.drawRoundedRect(rect, 8, 8)
-        painter.setFont(font)
-        painter.setPen(self._theme.color("video_text"))
-        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+        width = math.ceil(QFontMetricsF(font).horizontalAdvance(text)) + 32
+        place = QRectF((self.width() - width) // 2, self.height() // 2 - 22, width, 44)
+        ink, ground = self._theme.color("video_text"), self._theme.color("video_chip")
+        paint_words(painter, place, text, font=font, ink=ink, ground=ground, radius_px=8)
 
     def _paint_detections(self, painter: QPainter) -> None:
         people, frame = self._people, self._frame
