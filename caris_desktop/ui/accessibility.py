@@ -9,7 +9,6 @@ returns widgets that Qt does not report: those in a table, which has only cells.
 import sys
 from collections.abc import Sequence
 from functools import partial
-from typing import TypeVar
 
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QAccessible, QAccessibleAnnouncementEvent, QAccessibleInterface
@@ -22,7 +21,6 @@ from caris_desktop.ui.event_messages import event_sentence
 from caris_desktop.ui.focus_widget import window_of
 from caris_desktop.ui.people.shown_people import name_of
 
-Named = TypeVar("Named", bound=QWidget)
 _ROLE = "accessible_role"
 
 
@@ -55,14 +53,6 @@ def install_accessible_roles() -> None:
 
 
 _installed: list[object] = []
-
-
-def named(widget: Named, name: str, accessible_name: str = "") -> Named:
-    """Set the object name, by which the style sheet finds the widget, and what a screen reader says."""
-    widget.setObjectName(name)
-    if accessible_name:
-        widget.setAccessibleName(accessible_name)
-    return widget
 
 
 def has_role(widget: QWidget, role: QAccessible.Role) -> None:

@@ -15,14 +15,13 @@ from caris_desktop.live.status import ExportStatus
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.form_dialog import file_dialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import TEXT_LEFT_PX, CheckBox, DropDown
-from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import label, line_edit, named, restyle
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),

@@ -41,13 +41,12 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.widgets.pictures import image_of
 
 

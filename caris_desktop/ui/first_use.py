@@ -19,7 +19,6 @@ from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.focus_widget import Bar
@@ -27,7 +26,7 @@ from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 from caris_desktop.ui.window_place import Settings
 from caris_desktop.ui.windows import RobotChooser
 

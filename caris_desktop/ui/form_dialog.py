@@ -7,10 +7,10 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from caris_desktop.ui import layouts
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.widgets.labels import named
 
 _MARGINS_PX = (24, 20, 24, 20)
 _AROUND = QSize(40, 60)  # what a window leaves free of its screen

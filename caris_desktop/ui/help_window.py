@@ -12,12 +12,11 @@ from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin, focused_widget
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import line_edit
+from caris_desktop.ui.widgets.labels import line_edit, named
 from caris_desktop.ui.window_place import bring_up
 
 _PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18

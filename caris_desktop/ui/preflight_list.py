@@ -9,7 +9,6 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import IN_SESSION, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.event_messages import (
     CHECK_ICONS,
     CHECK_ROLES,
@@ -22,7 +21,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.inputs import CheckBox
-from caris_desktop.ui.widgets.labels import IconLabel, label, restyle
+from caris_desktop.ui.widgets.labels import IconLabel, label, named, restyle
 
 _ICON_PX = 20
 

@@ -18,7 +18,6 @@ from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.protocol_steps import ProtocolStep
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
@@ -28,7 +27,7 @@ from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import CheckBox
-from caris_desktop.ui.widgets.labels import ElidedLabel, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named, restyle
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 if TYPE_CHECKING:

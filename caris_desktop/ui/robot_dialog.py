@@ -19,13 +19,12 @@ from caris_desktop.robot.profile import profile_file_name, user_robots_dir
 from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, named, restyle
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.live.robot_explorer import LiveRobotExplorer

@@ -21,13 +21,12 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import NAME, SUFFIX, ImportQuestion, NameConflict, bundle_name
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.form_dialog import FormDialog, file_dialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label, line_edit
+from caris_desktop.ui.widgets.labels import label, line_edit, named
 
 
 class ScenarioFiles:

@@ -48,14 +48,13 @@ from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.text_formatting import local_time, purpose_title
 from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, add_clear_button
-from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import label, line_edit, named, restyle
 from caris_desktop.ui.widgets.rows import Index, RowDelegate
 
 _ROW_PX = 36

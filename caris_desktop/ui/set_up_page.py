@@ -27,7 +27,6 @@ from caris_desktop.live.status import AssistantSetup, AssistantStatus, Microphon
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.event_messages import CHECK_ICONS, CHECK_ROLES, CHECK_STATES, worst_check
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight_list import PreflightRow
@@ -38,7 +37,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import shrunk
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, named, restyle
 from caris_desktop.ui.windows import RobotChooser
 
 _PICTURE_EVERY_MS = 200

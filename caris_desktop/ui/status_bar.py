@@ -29,7 +29,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import has_role, named
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter, KeyOwner
 from caris_desktop.ui.overlay import Overlay
@@ -38,7 +38,7 @@ from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.containers import FlowRow
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.window_place import InSight
 
 _HEIGHT_PX = 22

@@ -14,10 +14,10 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.map.map_view import MapView
 from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import ChoiceCard, NameCard
 
 _TOLD_SHOWN_S = 8.0

@@ -18,12 +18,11 @@ from PySide6.QtWidgets import QLineEdit, QListView, QStyle, QStyleOptionViewItem
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.key_choices import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme, draw_icon
-from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label
+from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label, named
 from caris_desktop.ui.widgets.rows import Index, RowDelegate
 
 RECENT = 5

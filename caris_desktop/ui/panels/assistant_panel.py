@@ -25,7 +25,6 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.prompt_context_chips import PromptContextChips, choose_model_file, picture_words
@@ -33,7 +32,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitTextEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named, restyle
 from caris_desktop.ui.widgets.rows import show_rows
 
 _MOST_TYPED = 32_000

@@ -16,7 +16,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, PhotoEntry, ProposalStatus, SuggestionsStatus
 from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.transcript_view import RowMaker, TranscriptView, found_in
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
@@ -28,7 +27,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, named, restyle
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail, image_of
 
 _ROW_PX, _LOW_ROW_PX = 40, 28

@@ -27,7 +27,6 @@ from caris_desktop.live.status import DriveStatus, HeadStatus
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import SPEED_FRACTIONS, SPEED_NAMES, speed_step
 from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
@@ -36,7 +35,7 @@ from caris_desktop.ui.status_bar import owner_sentence
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, restyle
+from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, named, restyle
 
 StickUse = Literal["base", "head"]
 

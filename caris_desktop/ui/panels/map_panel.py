@@ -18,7 +18,6 @@ from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.map.map_state import Layer, legend
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
@@ -31,6 +30,7 @@ from caris_desktop.ui.widgets.accessible_descriptions import (
 )
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.labels import named
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path

@@ -15,7 +15,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -35,7 +34,7 @@ from caris_desktop.ui.people.shown_people import (
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 
 _LATE_S = 1.5
 """Detection delay in s from which the panel shows it, as recent arrivals are missing."""

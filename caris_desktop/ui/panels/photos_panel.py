@@ -40,12 +40,11 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 from caris_desktop.ui.widgets.pictures import image_of
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 

@@ -22,14 +22,13 @@ from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ControlStatus, DriveStatus, LinkStatus
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.text_formatting import question_for, value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 
 ASKING_ENDS_AFTER_MS = 10_000
 _DONE_SHOWN_MS = 1500

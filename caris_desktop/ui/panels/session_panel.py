@@ -24,7 +24,6 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.status_bar import ROOM_LOW_S
@@ -32,7 +31,7 @@ from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, FastTableView, Index, KeyedItems, RowDelegate
 
 LOG_ROWS = 2000

@@ -20,7 +20,6 @@ from caris_desktop.live.status import MicrophoneStatus, OpenGap, SoundStatus, Sp
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.phrases import MOST_GESTURES, phrase_groups, sentences
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.action_rows import (
     PHRASE_COUNT,
@@ -38,7 +37,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow, list_area
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap, label, named, restyle
 from caris_desktop.ui.widgets.rows import show_rows
 
 ROW_PX = 30

@@ -16,7 +16,6 @@ from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import IdentityQuestion, as_permitted, with_one_question
 from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, ahead_of, ahead_words, gaze_is_away
@@ -31,6 +30,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.frame_view import FloorSpot, FrameView, model_for, spot_at
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail, thumbnail_of
 from caris_desktop.ui.widgets.popups import ChoiceCard
 

@@ -31,7 +31,6 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.portraits import PortraitPixmaps, PortraitView
 from caris_desktop.ui.people.shown_people import found, in_order, is_identified, what_is_seen
@@ -39,7 +38,7 @@ from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import CheckBox, SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 from caris_desktop.ui.widgets.popups import FloatingCard
 from caris_desktop.ui.widgets.rows import FastTableView
 

@@ -28,14 +28,14 @@ from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessibility import has_role, named
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500

@@ -30,14 +30,13 @@ from caris_desktop.recording.annotation.annotation_editing import LONGEST_NAME, 
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.recording.annotation.coder_agreement import Agreement, TierAgreement, compare_tiers, report
 from caris_desktop.ui import layouts
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.form_dialog import FormDialog, file_dialog
 from caris_desktop.ui.replay.timeline_items import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")

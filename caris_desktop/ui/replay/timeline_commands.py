@@ -12,7 +12,7 @@ from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, VocabularyEntry
 from caris_desktop.ui import layouts
-from caris_desktop.ui.accessibility import has_role, named
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.replay.replay_bar import SeekThrottle
 from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
 from caris_desktop.ui.replay.timeline_items import (
@@ -23,6 +23,7 @@ from caris_desktop.ui.replay.timeline_items import (
     vocabulary_named,
 )
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 NEW_MS = 1000

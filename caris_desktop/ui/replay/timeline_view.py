@@ -29,7 +29,6 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, TabNode
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.dock_host import DockHost
@@ -55,7 +54,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""

@@ -31,7 +31,6 @@ from caris_desktop.scenario.document import Step
 from caris_desktop.scenario.phrases import LOOK, NOD
 from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
@@ -42,7 +41,7 @@ from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Open
 from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, named, restyle
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140

@@ -44,14 +44,13 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_files import parse_yaml, yaml_text
 from caris_desktop.scenario.document import Mistake
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
-from caris_desktop.ui.widgets.labels import KeyCap, restyle
+from caris_desktop.ui.widgets.labels import KeyCap, named, restyle
 
 _MORE_PX = 104
 _ROWS_AT_ONCE = 4

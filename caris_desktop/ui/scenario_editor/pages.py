@@ -28,13 +28,13 @@ from caris_desktop.domain.yaml_files import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, part_for, show_at_once
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import named
 
 _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 _TYPING_PAUSE_MS = 200

@@ -22,8 +22,8 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.accessibility import named
 from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.widgets.labels import named
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
