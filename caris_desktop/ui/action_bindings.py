@@ -183,8 +183,9 @@ class Actions(QObject):
         self._bound: dict[str, ActionSpec] | None = None
         self._conditions: dict[EnabledWhen, bool] = {}
         self._focused_part = ""
-        self._letters: dict[str, str] = {}
-        self._driving_focus = False
+        self.letters: dict[str, str] = {}
+        """Letters of the current keyboard layout by position, as far as known."""
+        self.driving_focus = False
         self._brought: list[ActionSpec] = []
         self._groups: frozenset[str] | None = None
         self._bare: list[QAction] = []
@@ -257,21 +258,16 @@ class Actions(QObject):
 
     def use_letters(self, letters: Mapping[str, str]) -> None:
         """Set the letters that the current keyboard layout types at each position, for the key caps."""
-        if letters != self._letters:
-            self._letters = dict(letters)
+        if letters != self.letters:
+            self.letters = dict(letters)
             self.keys_changed.emit()
 
-    @property
-    def letters(self) -> Mapping[str, str]:
-        """Letters of the current keyboard layout by position, as far as known."""
-        return self._letters
-
     def letter(self, position: str) -> str:
-        return self._letters.get(position, position)
+        return self.letters.get(position, position)
 
     def caps(self, spec: ActionSpec, keys: Sequence[str]) -> list[str]:
         """Key cap labels of some keys of a row, for this keyboard."""
-        return [cap_text(key, self._letters if spec.by_position else None) for key in keys]
+        return [cap_text(key, self.letters if spec.by_position else None) for key in keys]
 
     def rebuild(self, scenario: Scenario) -> None:
         """Load the rows of a scenario and drop the shortcuts of the former one."""
@@ -465,14 +461,10 @@ class Actions(QObject):
             self._focused_part = part
             self.availability_changed.emit()
 
-    @property
-    def driving_focus(self) -> bool:
-        return self._driving_focus
-
     def set_driving_focus(self, driving_focus: bool) -> None:
         """Set whether Drive, Video or Map has the focus, so that the bare keys work."""
-        if driving_focus != self._driving_focus:
-            self._driving_focus = driving_focus
+        if driving_focus != self.driving_focus:
+            self.driving_focus = driving_focus
             self.keys_changed.emit()
 
     def key_text(self, action_id: str) -> str:
@@ -480,7 +472,7 @@ class Actions(QObject):
         spec = self.spec(action_id)
         if spec is None:
             return ""
-        return self._key_text(spec, driving=self._driving_focus)
+        return self._key_text(spec, driving=self.driving_focus)
 
     def key_texts(self, action_id: str) -> tuple[str, ...]:
         """Key caps of the binding while typing and while driving."""
@@ -495,4 +487,4 @@ class Actions(QObject):
     def _moves(self, key: str) -> bool:
         """Whether the current layout types this letter at the position of a drive key, which comes first."""
         letter, rows = key.removeprefix("Shift+"), (row for row in self.specs if row.by_position)
-        return any(self._letters.get(position, "") == letter for row in rows for position in row.driving_keys)
+        return any(self.letters.get(position, "") == letter for row in rows for position in row.driving_keys)

@@ -21,7 +21,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import TEXT_LEFT_PX, CheckBox, DropDown
-from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import label, line_edit, named, restyle
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),
@@ -77,8 +77,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             toolTip=tr("For spreadsheets that show letters such as ü or é incorrectly."),
         )  # fmt: skip
         self._boxes: dict[str, CheckBox] = {}
-        self._bar = QProgressBar(textVisible=False)
-        self._bar.setObjectName("export_progress")
+        self._bar = named(QProgressBar(textVisible=False), "export_progress")
         self._bar.setRange(0, 1000)
         self._description = label(tone="dim", wraps=True, objectName="export_what")
         self._description.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, assert_never
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QAccessible,
     QCloseEvent,
@@ -45,7 +46,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.widgets.pictures import image_of
 
 
@@ -159,13 +160,9 @@ class FaceWindow(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._view = FaceView()
-        layout = layouts.vbox(self, margins_px=0)
-        layout.addWidget(self._view)
+        layouts.vbox(self, self._view, margins_px=0)
         state.face_drawing.changed.connect(self._on_shown)
         self._on_shown(state.face_drawing.value)
-        self._place(beside)
-
-    def _place(self, beside: QWidget) -> None:
         other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
         self.resize(640, 400)
         if other is None:
@@ -220,9 +217,7 @@ class FaceEditor(FormDialog):
         self._motion = FaceMotion(self._face)
         self._preview = FaceView()
         self._preview.setMinimumSize(240, 140)
-        self._name = QLineEdit(self._face.name, maxLength=40)
-        self._name.setObjectName("face_name")
-        self._name.setAccessibleName(tr("Name"))
+        self._name = named(QLineEdit(self._face.name, maxLength=40), "face_name", tr("Name"))
         self._choice = DropDown(theme, "face_expression_choice", tr("Expression to edit"))
         self._choice.addItems([one.name for one in self._face.expressions])
         self._choice.currentIndexChanged.connect(self._on_expression_chosen)
@@ -238,10 +233,8 @@ class FaceEditor(FormDialog):
         self._add_sliders("mouth", Mouth, tr("Mouth"))
         form.addRow(label(tr("Colours"), "title"), QWidget())
         for key, words in _COLOURS.items():
-            field = QLineEdit(getattr(self._face, key), maxLength=7)
-            field.setObjectName(f"face_{key}")
-            field.setAccessibleName(tr(words))
-            field.textEdited.connect(self._colour_setter(key))
+            field = named(QLineEdit(getattr(self._face, key), maxLength=7), f"face_{key}", tr(words))
+            field.textEdited.connect(partial(self._set_colour, key))
             form.addRow(tr(words), field)
         self._speak = ActionButton(
             theme, tr("Speak"), icon="chat-text", height_px=32, objectName="face_speak", checkable=True,
@@ -266,8 +259,8 @@ class FaceEditor(FormDialog):
             rule = key.form.rule
             if key.form.kind is not float or rule.at_least is None or rule.at_most is None:
                 continue
-            slider = _ValueSlider(key, self._setter(part, key.attribute))
-            slider.setObjectName(f"face_{part}_{key.attribute}")
+            put = partial(self._set, part, key.attribute)
+            slider = named(_ValueSlider(key, put), f"face_{part}_{key.attribute}")
             self._sliders[part, key.attribute] = slider
             words = tr(_SLIDERS[key.attribute])
             slider.setAccessibleName(f"{heading}: {words}")
@@ -275,34 +268,25 @@ class FaceEditor(FormDialog):
             if part != "expression":
                 slider.show_value(getattr(getattr(self._face, part), key.attribute))
 
-    def _setter(self, part: str, attribute: str) -> Callable[[float], None]:
-        def put(value: Any) -> None:
-            if part == "expression":
-                at = self._choice.currentIndex()
-                changed = replace(self._face.expressions[at], **{attribute: value})
-                expressions = (*self._face.expressions[:at], changed, *self._face.expressions[at + 1 :])
-                self._use(replace(self._face, expressions=expressions))
-            else:
-                self._use(replace(self._face, **{part: replace(getattr(self._face, part), **{attribute: value})}))
+    def _set(self, part: str, attribute: str, value: Any) -> None:
+        if part == "expression":
+            at = self._choice.currentIndex()
+            changed = replace(self._face.expressions[at], **{attribute: value})
+            expressions = (*self._face.expressions[:at], changed, *self._face.expressions[at + 1 :])
+            self._use(replace(self._face, expressions=expressions))
+        else:
+            self._use(replace(self._face, **{part: replace(getattr(self._face, part), **{attribute: value})}))
 
-        return put
-
-    def _colour_setter(self, key: str) -> Callable[[str], None]:
-        def put(text: Any) -> None:
-            try:
-                self._use(checked(replace(self._face, **{key: text})))
-            except FaceError:
-                self._say(tr("Enter the colour as #rrggbb."))
-
-        return put
+    def _set_colour(self, key: str, text: Any) -> None:
+        try:
+            self._use(checked(replace(self._face, **{key: text})))
+        except FaceError:
+            self._note.setText(tr("Enter the colour as #rrggbb."))
 
     def _use(self, face: Face) -> None:
         self._face = face
         self._motion.use(face)
-        self._say("")
-
-    def _say(self, text: str) -> None:
-        self._note.setText(text)
+        self._note.setText("")
 
     def _on_expression_chosen(self, index: int) -> None:
         expression = self._face.expressions[index]
@@ -314,7 +298,7 @@ class FaceEditor(FormDialog):
     def _on_store(self) -> None:
         name = self._name.text().strip()
         refused = self._console.do(intents.KeepFace(name, face_text(self._face)))
-        self._say(refused or tr("Saved as “{name}”. The robot now shows this face.").format(name=name))
+        self._note.setText(refused or tr("Saved as “{name}”. The robot now shows this face.").format(name=name))
 
     def _draw(self) -> None:
         caption = tr("The robot's speech appears here.") if self._speak.isChecked() else ""
@@ -339,9 +323,8 @@ class _ValueSlider(QSlider):
         self.valueChanged.connect(self._on_moved)
 
     def show_value(self, value: float) -> None:
-        self.blockSignals(True)
-        self.setValue(round((value - self._least) / (self._most - self._least) * _STEPS))
-        self.blockSignals(False)
+        with QSignalBlocker(self):
+            self.setValue(round((value - self._least) / (self._most - self._least) * _STEPS))
 
     def _on_moved(self, step: int) -> None:
         self._put(round(self._least + (self._most - self._least) * step / _STEPS, 3))

@@ -1,45 +1,37 @@
 """First-start sequence with the driving hint, and the practice strip; the settings that record their completion."""
 
+import json
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible
+from PySide6.QtCore import QObject, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.status import PracticeStatus
+from caris_desktop.live.services.practice_service import STEPS
+from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui import layouts
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.text_formatting import shortened
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 from caris_desktop.ui.window_place import Settings
 from caris_desktop.ui.windows import RobotChooser
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.set_up_page import SetUpPage
-import json
-from collections.abc import Callable
-from datetime import UTC, datetime
-from typing import Any
-
-from PySide6.QtCore import QRectF, QSize
-from PySide6.QtGui import QPainter, QPaintEvent, QPen
-
-from caris_desktop.live.services.practice_service import STEPS, PracticeStep
-from caris_desktop.live.status import PracticeStepStatus
-from caris_desktop.ui import tokens
-from caris_desktop.ui.preferences import WizardProfiles
-from caris_desktop.ui.text_formatting import shortened
-from caris_desktop.ui.theme import draw_icon
 
 SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
 
@@ -258,8 +250,7 @@ class PracticeStrip(Bar, QWidget):
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, wizards: WizardProfiles) -> None:
         super().__init__()
-        self.setObjectName("practice_strip")
-        self.setAccessibleName(tr("Practice"))
+        named(self, "practice_strip", tr("Practice"))
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Maximum)
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._console = console
@@ -304,7 +295,7 @@ class PracticeStrip(Bar, QWidget):
             step = STEPS[number]
             self._say(
                 tr("{number} of {count} · {title}").format(number=number + 1, count=len(STEPS), title=tr(step.title)),
-                self._how_to(step),
+                tr(step.how).format(key=self._actions.key_text(step.action_id) if step.action_id else ""),
             )
         elif ended:
             self._persist(status)
@@ -323,9 +314,6 @@ class PracticeStrip(Bar, QWidget):
         if not status.back_to:
             return tr("Close")
         return tr("Back to {scenario}").format(scenario=shortened(status.back_to, 30))
-
-    def _how_to(self, step: PracticeStep) -> str:
-        return tr(step.how).format(key=self._actions.key_text(step.action_id) if step.action_id else "")
 
     def _result(self, status: PracticeStatus) -> tuple[str, str]:
         title = tr("Practice ended: {done} of {count} steps, {score} of 100 points, {minutes} min").format(

@@ -167,7 +167,11 @@ def move_focus(window: QWidget, *, forward: bool) -> bool:
 def tab_stops(holder: QWidget, focused: QWidget | None = None) -> list[QWidget]:
     """All tab stops below ``holder`` in visual order, with the focused widget even if it is not a tab stop."""
     parts: list[_Part] = []
-    visible = [child for child in holder.children() if isinstance(child, QWidget) and _is_shown(child)]
+    visible = [
+        child
+        for child in holder.children()
+        if isinstance(child, QWidget) and (not (child.isHidden() or child.isWindow()) and child.isEnabled())
+    ]
     over = next((child for child in reversed(visible) if getattr(child, "dims_window", False)), None)
     for child in visible:
         if over is not None and child is not over and child.geometry().intersects(over.geometry()):
@@ -177,10 +181,6 @@ def tab_stops(holder: QWidget, focused: QWidget | None = None) -> list[QWidget]:
         if stops:
             parts.append((child.geometry(), stops))
     return [stop for _place, stops in _as_read(parts) for stop in stops]
-
-
-def _is_shown(widget: QWidget) -> bool:
-    return not (widget.isHidden() or widget.isWindow()) and widget.isEnabled()
 
 
 def _is_stop(widget: QWidget) -> bool:

@@ -10,6 +10,7 @@ from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.widgets.labels import named
 
 _MARGINS_PX = (24, 20, 24, 20)
 _AROUND = QSize(40, 60)  # what a window leaves free of its screen
@@ -40,8 +41,7 @@ def file_dialog(
 
     Not modal and not the system's, which would take the keys that stop the robot.
     """
-    dialog = QFileDialog(parent, title, str(folder or Path.home()), files)
-    dialog.setObjectName(name)
+    dialog = named(QFileDialog(parent, title, str(folder or Path.home()), files), name)
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.setFileMode(mode)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt
 from PySide6.QtGui import QAccessible, QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSlider, QWidget
 
@@ -136,7 +136,13 @@ class GamepadDialog(FormDialog):
         slider.setObjectName(name)
         slider.setAccessibleName(title)
         slider.setRange(lowest, highest)
-        slider.valueChanged.connect(self._on_slider_moved)
+        slider.valueChanged.connect(
+            lambda: self._gamepads.set_mapping(
+                replace(
+                    self._gamepads.mapping, dead_zone=self._dead_zone.value() / 100, speed=self._speed.value() / 100
+                )
+            )
+        )
         words.setMinimumWidth(56)
         row = grid.rowCount()
         for column, part in enumerate((QLabel(title), slider, words)):
@@ -207,9 +213,8 @@ class GamepadDialog(FormDialog):
             row.show_binding(binding_words(mapping.bound(action), names), learning=action == self._learned)
             row.setEnabled(device is not None)
         for slider, value in ((self._dead_zone, mapping.dead_zone), (self._speed, mapping.speed)):
-            slider.blockSignals(True)
-            slider.setValue(round(value * 100))
-            slider.blockSignals(False)
+            with QSignalBlocker(slider):
+                slider.setValue(round(value * 100))
             slider.setEnabled(device is not None)
         self._dead_zone_words.setText(f"{mapping.dead_zone * 100:.0f} %")
         self._speed_words.setText(f"{mapping.speed * 100:.0f} %")
@@ -234,11 +239,6 @@ class GamepadDialog(FormDialog):
             text = tr("The gamepad does not drive while this window is in front. Changes are saved for this gamepad.")
         self._hint.setText(text)
         restyle(self._hint, role=role)
-
-    def _on_slider_moved(self, _value: int) -> None:
-        self._gamepads.set_mapping(
-            replace(self._gamepads.mapping, dead_zone=self._dead_zone.value() / 100, speed=self._speed.value() / 100)
-        )
 
     def _on_reset(self) -> None:
         self._end_learning()

@@ -16,7 +16,7 @@ from caris_desktop.ui.focus_widget import VisualTabOrderMixin, focused_widget
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import line_edit
+from caris_desktop.ui.widgets.labels import line_edit, named
 from caris_desktop.ui.window_place import bring_up
 
 _PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18
@@ -81,9 +81,7 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("help_window")
         self.setWindowTitle(tr("Help · CARIS Desktop"))
-        self.browser = GuideBrowser()
-        self.browser.setObjectName("help_page")
-        self.browser.setAccessibleName(tr("Guide"))
+        self.browser = named(GuideBrowser(), "help_page", tr("Guide"))
         pages = DropDown(theme, "help_pages", tr("Page"))
         for title, name in sorted((_title(path), path.name) for path in guide_dir().glob("*.md")):
             pages.addItem(title, name)

@@ -12,7 +12,6 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
@@ -34,13 +33,6 @@ HELD_AFTER_S = 0.4
 ANSWER_WITHIN_S = 5.0
 
 
-@dataclass(slots=True)
-class _Held:
-    mark_id: str
-    timer: QTimer
-    stretched: bool = False
-
-
 class Marking(QObject):
     """Runs the mark actions of the table and shows each mark in the popup for a while."""
 
@@ -52,18 +44,19 @@ class Marking(QObject):
         self._actions = actions
         self._hold = hold
         actions.answer_for(MARKS_GROUP, self)
-        self._held: dict[str, _Held] = {}
+        # Mark of each held key, with the timer that turns it from a moment into an interval.
+        self._held: dict[str, tuple[str, QTimer]] = {}
         self.card = MarkCard(theme, console, actions, window)
         actions.asking.connect(self._on_asking)
         actions.intent_sent.connect(self._on_intent_sent)
         self.card.error_kind_chosen.connect(self._on_error_kind)
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
-        self._answer_time.timeout.connect(self._on_answer_late)
+        self._answer_time.timeout.connect(self._no_question)
         self._taken_back: Marked | None = None
         console.state.recording.changed.connect(self._on_recording_changed)
         hold.mark_pressed.connect(self._on_key_pressed)
         hold.mark_released.connect(self._on_key_released)
-        hold.escape_pressed.connect(self._on_escape)
+        hold.escape_pressed.connect(self._cancel)
 
     # ---- keys
 
@@ -77,33 +70,29 @@ class Marking(QObject):
             return
         self._actions.ask(intent)
         timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
-        timer.timeout.connect(lambda: self._on_held(action_id))
-        self._held[action_id] = _Held(intent.mark_id, timer)
+        timer.timeout.connect(lambda: self._on_held(intent.mark_id))
+        self._held[action_id] = intent.mark_id, timer
         self._report_held()
         timer.start()
 
     def _report_held(self) -> None:
-        self._console.state.held_marks.set(frozenset(held.mark_id for held in self._held.values()))
+        self._console.state.held_marks.set(frozenset(mark_id for mark_id, _timer in self._held.values()))
 
-    def _on_held(self, action_id: str) -> None:
+    def _on_held(self, mark_id: str) -> None:
         """Turn the moment into an interval from the key press on, after a long hold."""
-        held = self._held.get(action_id)
-        if held is None or held.stretched:
-            return
-        held.stretched = True
-        self._console.do(intents.StretchMark(held.mark_id))
-        self.card.show_mark(held.mark_id, held=True)
+        self._console.do(intents.StretchMark(mark_id))
+        self.card.show_mark(mark_id, held=True)
 
     def _on_key_released(self, action_id: str) -> None:
-        held = self._held.pop(action_id, None)
-        if held is None:
+        if action_id not in self._held:
             return
+        mark_id, timer = self._held.pop(action_id)
         self._report_held()
-        held.timer.stop()
-        held.timer.deleteLater()
-        if held.stretched:
-            self._console.do(intents.EndMark(held.mark_id))
-            self.card.show_mark(held.mark_id)
+        if not timer.isActive():
+            self._console.do(intents.EndMark(mark_id))
+            self.card.show_mark(mark_id)
+        timer.stop()
+        timer.deleteLater()
 
     # ---- intents
 
@@ -116,19 +105,16 @@ class Marking(QObject):
         """Show the outcome in the popup."""
         match intent:
             case intents.Mark(kind="wizard_error"):
-                self._ask_what_error(intent.mark_id)
+                # Ask for the kind of error with the next key.
+                self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
+                self._answer_time.start()
+                self.card.show_mark(intent.mark_id, asks=True)
             case intents.Mark() | intents.BeginMark() | intents.EndMark():
                 self.card.show_mark(intent.mark_id)
             case intents.ChangeMark() if intent.earlier_s:
                 self.card.show_mark(intent.mark_id, earlier_s=intent.earlier_s)
             case intents.WithdrawMark() if self._taken_back is not None:
                 self.card.show_taken_back(self._taken_back)
-
-    def _ask_what_error(self, mark_id: str) -> None:
-        """Ask for the kind of error with the next key."""
-        self._hold.ask_next_key("".join(self._error_keys()), self._on_answer)
-        self._answer_time.start()
-        self.card.show_mark(mark_id, asks=True)
 
     def write_note(self) -> None:
         """Open a note on this moment: the key press is the time stamp, however long the writing takes."""
@@ -153,10 +139,6 @@ class Marking(QObject):
         self._no_question()
         self.card.choose_label(label)
 
-    def _on_answer_late(self) -> None:
-        self._hold.ask_no_key()
-        self.card.stop_asking()
-
     def _no_question(self) -> None:
         self._answer_time.stop()
         self._hold.ask_no_key()
@@ -164,11 +146,9 @@ class Marking(QObject):
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state != "recording" and not self.card.writes_note:
-            # Corrections would no longer be recorded.
-            self._no_question()
-            self.card.close_card()
+            self._cancel()  # corrections would no longer be recorded
 
-    def _on_escape(self) -> None:
+    def _cancel(self) -> None:
         self._no_question()
         self.card.close_card()
 
@@ -177,6 +157,7 @@ MARK_CARD_WIDTH_PX = 720
 _SHOWN_MS = 6000
 _SAID_MS = 2500
 _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
+_ICONS = {"mark": "bookmark-simple", "note": "note-pencil", "wizard_error": "warning"}
 
 
 class MarkCard(Popup):
@@ -231,12 +212,8 @@ class MarkCard(Popup):
         self._correct = QWidget()
         corrections = self._end, self._earlier, self._add_note, self._undo
         layouts.hbox(self._correct, *corrections, margins_px=0, spacing_px=6)
-        self.field = SubmitLineEdit()
-        self.field.setObjectName("note_field")
-        self.field.setAccessibleName(tr("Note"))
+        self.field = SubmitLineEdit(objectName="note_field", accessibleName=tr("Note"), maxLength=400, minimumHeight=36)
         self.field.setPlaceholderText(tr("What is happening?"))
-        self.field.setMaxLength(400)
-        self.field.setMinimumHeight(36)
         self.field.returnPressed.connect(self._store_note)
         self._keep = self._button("note_keep", tr("Save"), self._store_note, key="Enter", role="primary")
         leave = self._button("note_leave", tr("Discard"), self.close_card, key="Esc", toolTip=tr(ESC_CLOSES))
@@ -258,7 +235,7 @@ class MarkCard(Popup):
         window.installEventFilter(self)
         self._show_keys()
 
-    def _button(self, name: str, text: str, run: Callable[..., object], **more: Any) -> ActionButton:
+    def _button(self, name: str, text: str, run: Callable[..., object] | None, **more: Any) -> ActionButton:
         more = {"height_px": 30, "text_px": tokens.STATUS_PX + 1, "objectName": name, "clicked": run, **more}
         return ActionButton(self._theme, text, **more)
 
@@ -274,19 +251,13 @@ class MarkCard(Popup):
         return "" if self._mark is None else self._mark.mark_id
 
     @property
-    def mark(self) -> Marked | None:
-        return self._mark
-
-    @property
     def text(self) -> str:
         """Text of the popup."""
         return f"{self._title.text()}. {self._line.text()}".strip()
 
     def show_mark(self, mark_id: str, *, earlier_s: float = 0.0, held: bool = False, asks: bool = False) -> None:
         """Show this mark for a while; ``asks``: the next key selects the kind of wizard error."""
-        status = self._console.state.marks.value
-        known = (each for each in (status.last, *status.open) if each is not None)
-        mark = next((each for each in known if each.mark_id == mark_id), None)
+        mark = self._known(mark_id)
         if mark is None or self.writes_note:
             return
         self._earlier_s = earlier_s + (self._earlier_s if mark.mark_id == self.mark_id else 0.0)
@@ -294,6 +265,10 @@ class MarkCard(Popup):
         self._note_row.hide()
         self._fill()
         self._open(_SHOWN_MS)
+
+    def _known(self, mark_id: str) -> Marked | None:
+        status = self._console.state.marks.value
+        return next((mark for mark in (status.last, *status.open) if mark and mark.mark_id == mark_id), None)
 
     def show_taken_back(self, mark: Marked) -> None:
         """Confirm that the mark was withdrawn."""
@@ -312,7 +287,7 @@ class MarkCard(Popup):
         self.setAccessibleName(self.text)
         for part in (self._labels, self._kinds, self._correct, self._note_row):
             part.hide()
-        self._show_icon("mark")
+        self._icon.show_icon(_ICONS["mark"], "blue")
         self._second.stop()
         self._open(_SAID_MS)
 
@@ -344,7 +319,7 @@ class MarkCard(Popup):
         self._away.stop()
         self.field.setText("" if mark is None else mark.note)
         self._note_row.show()
-        self._show_icon("note")
+        self._icon.show_icon(_ICONS["note"], "blue")
         self._open(None)
         focus_widget(self.field)
 
@@ -381,7 +356,7 @@ class MarkCard(Popup):
         self._add_note.setVisible(mark.state != "open" and self._console.scenario.permissions.notes)
         self._show_words()
         self._show_keys()
-        self._show_icon(mark.kind)
+        self._icon.show_icon(_ICONS[mark.kind], "blue")
         if mark.state == "open":
             self._second.start()
         else:
@@ -412,10 +387,8 @@ class MarkCard(Popup):
         labels = self._console.scenario.recording.labels if mark.kind == "mark" else ()
         while len(self._label_buttons) < len(labels):
             number = len(self._label_buttons) + 1
-            button = self._button(
-                f"mark_card_label_{number}", "", lambda _on=False, index=number - 1: self._on_label(index),
-                checkable=True,
-            )  # fmt: skip
+            button = self._button(f"mark_card_label_{number}", "", None, checkable=True)
+            button.clicked.connect(lambda _on=False, button=button: self.choose_label(button.text()))
             self._labels.add(button)
             self._label_buttons.append(button)
         for index, button in enumerate(self._label_buttons):
@@ -466,21 +439,14 @@ class MarkCard(Popup):
             button.setCheckable(True)
             button.setChecked(self._mark is not None and self._mark.label == kind)
 
-    def _on_marks_changed(self, _status: object) -> None:
-        status = self._console.state.marks.value
+    def _on_marks_changed(self) -> None:
         if self._mark is None or self.isHidden():
             return
-        for mark in (status.last, *status.open):
-            if mark is not None and mark.mark_id == self.mark_id and mark != self._mark:
-                self._mark = mark
-                self._fill()
-                self.place()
-                return
-
-    def _on_label(self, index: int) -> None:
-        labels = self._console.scenario.recording.labels
-        if index < len(labels):
-            self.choose_label(labels[index])
+        mark = self._known(self.mark_id)
+        if mark is not None and mark != self._mark:
+            self._mark = mark
+            self._fill()
+            self.place()
 
     def choose_label(self, label: str) -> None:
         """Give the mark on display this label."""
@@ -546,10 +512,6 @@ class MarkCard(Popup):
         taken = [window.place_in(self._window) for window in windows_above(self._window)]
         place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual
         self.setGeometry(place)
-
-    def _show_icon(self, kind: str) -> None:
-        icons = {"note": "note-pencil", "wizard_error": "warning"}
-        self._icon.show_icon(icons.get(kind, "bookmark-simple"), "blue")
 
 
 def _moment_ns(mark: Marked) -> int:

@@ -79,7 +79,7 @@ class StatusIndicators(QWidget):
         self._compact = False
         self._named = True
         self._motion = RobotMotion(state, self)
-        self._signs: dict[SignName, Sign] = {}
+        self.signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self._motion.changed.connect(self._on_changed)
@@ -87,10 +87,6 @@ class StatusIndicators(QWidget):
             value.changed.connect(self._on_changed)
         theme.restyle_on_change(self._measure)
         self._on_changed()
-
-    @property
-    def signs(self) -> Mapping[SignName, Sign]:
-        return self._signs
 
     def use_room(self, room_px: int, *, compact: bool) -> None:
         """Shrink the words, or hide them where there is still no room: tooltip and accessible name have them. Icon size
@@ -109,8 +105,8 @@ class StatusIndicators(QWidget):
 
     def _on_changed(self, _value: object = None) -> None:
         signs = signs_of(self._state, self._motion.sign)
-        if signs != self._signs:
-            self._signs = signs
+        if signs != self.signs:
+            self.signs = signs
             self.setAccessibleName(tr("Robot status: {signs}").format(signs=", ".join(map(_word, signs.values()))))
             self.setToolTip(self.accessibleName())
             self.update()
@@ -138,7 +134,7 @@ class StatusIndicators(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         left = 0.0
-        for (name, sign), width in zip(self._signs.items(), self._widths, strict=True):
+        for (name, sign), width in zip(self.signs.items(), self._widths, strict=True):
             self._paint_sign(painter, QRectF(left, 0, width, self.height()), sign, _COLORS[name])
             left += width + _BETWEEN_PX
 

@@ -1,7 +1,7 @@
 """Popup over the window. Not a dialog: the robot can be driven and stopped meanwhile."""
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
-from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QRegion
+from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QRegion
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -36,7 +36,12 @@ class Overlay(QWidget):
         self._keys_before: QWidget | None = None
         self._stepped_back: list[WindowAbove] = []
         self._in_sight: list[InSight] = []
-        self.card = _Card(self)
+        self.card = QWidget(self)
+        self.card.setProperty("role", "card")
+        self.card.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        # A click on the card must not close the popup.
+        self.card.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         window.installEventFilter(self)
         self.hide()
@@ -125,15 +130,3 @@ class Overlay(QWidget):
 
     def mousePressEvent(self, _event: QMouseEvent) -> None:
         self.close_overlay()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), QColor(self._theme.colors.shadow))
-
-
-class _Card(QWidget):
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setProperty("role", "card")
-        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        # A click on the card must not close the popup.
-        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)

@@ -7,7 +7,7 @@ from itertools import product
 from operator import attrgetter
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, QSizeF, Qt, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
@@ -265,10 +265,15 @@ def show_part(part: QWidget, visible: bool) -> None:
 
 def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, active: bool) -> None:
     """Half a card: rounded at the top (``top``) or bottom, with an outline that is blue while focused."""
+    radius = float(tokens.PANEL_RADIUS_PX)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setPen(QPen(theme.color("blue" if active else "line"), 1))
     painter.setBrush(theme.color("panel"))
-    painter.drawPath(_card_path(rect, top=top))
+    painter.save()
+    painter.setClipRect(rect, Qt.ClipOperation.IntersectClip)
+    whole = rect.adjusted(0.5, 0.5 if top else -2 * radius, -0.5, 2 * radius if top else -0.5)
+    painter.drawRoundedRect(whole, radius, radius)
+    painter.restore()
     if top:
         painter.setPen(QPen(theme.color("line"), 1))
         painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
@@ -295,35 +300,14 @@ def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, *, active: boo
 
         def paint(onto: QPainter, inside_x: float = inside_x, inside_y: float = inside_y) -> None:
             outline = QRectF(-inside_x, -inside_y, 4 * radius, 4 * radius)
-            card = _card_path(outline, top=inside_y == 0.0)
-            outside = QPainterPath()
+            card, outside = QPainterPath(), QPainterPath()
+            card.addRoundedRect(outline.adjusted(0.5, 0.5, -0.5, -0.5), radius, radius)
             outside.addRect(outline)
             onto.fillPath(outside.subtracted(card), theme.color("window"))
             onto.strokePath(card, QPen(line, 1))
 
         corner = ("corner", inside_x, inside_y, active)
         draw_cached(painter, QPointF(left, top), QSizeF(radius, radius), corner, paint)
-
-
-def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:
-    radius = float(tokens.PANEL_RADIUS_PX)
-    inner = rect.adjusted(0.5, 0.5 if top else 0.0, -0.5, 0.0 if top else -0.5)
-    path = QPainterPath()
-    if top:
-        path.moveTo(inner.bottomLeft())
-        path.lineTo(inner.left(), inner.top() + radius)
-        path.quadTo(inner.topLeft(), inner.topLeft() + QPointF(radius, 0))
-        path.lineTo(inner.right() - radius, inner.top())
-        path.quadTo(inner.topRight(), inner.topRight() + QPointF(0, radius))
-        path.lineTo(inner.bottomRight())
-    else:
-        path.moveTo(inner.topLeft())
-        path.lineTo(inner.left(), inner.bottom() - radius)
-        path.quadTo(inner.bottomLeft(), inner.bottomLeft() + QPointF(radius, 0))
-        path.lineTo(inner.right() - radius, inner.bottom())
-        path.quadTo(inner.bottomRight(), inner.bottomRight() + QPointF(0, -radius))
-        path.lineTo(inner.topRight())
-    return path
 
 
 def card_margins(layout: QBoxLayout) -> None:

@@ -41,11 +41,7 @@ class WizardProfiles(QObject):
         super().__init__(parent)
         self._settings: Settings = settings if settings is not None else _Forgetful()
         self._names = _read_names(self._settings)
-        self._current = self._known(_tidied(str(self._settings.value(_CURRENT_KEY, "") or "")))
-
-    @property
-    def current(self) -> str:
-        return self._current
+        self.current = self._known(_tidied(str(self._settings.value(_CURRENT_KEY, "") or "")))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -58,8 +54,8 @@ class WizardProfiles(QObject):
         if chosen and chosen not in self._names:
             self._names.append(chosen)
             self._settings.setValue(_NAMES_KEY, json.dumps(self._names))
-        if chosen != self._current:
-            self._current = chosen
+        if chosen != self.current:
+            self.current = chosen
             self._settings.setValue(_CURRENT_KEY, chosen)
             self.changed.emit()
 
@@ -77,7 +73,7 @@ class WizardProfiles(QObject):
 
     def _place(self, key: str) -> str:
         # Settings treat a slash as a group, and some systems ignore case.
-        return f"wizards/{quote(self._current.casefold(), safe=' ') or _NOBODY}/{key}"
+        return f"wizards/{quote(self.current.casefold(), safe=' ') or _NOBODY}/{key}"
 
     def _known(self, name: str) -> str:
         return next((known for known in self._names if known.casefold() == name.casefold()), name)

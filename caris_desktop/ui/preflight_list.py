@@ -21,7 +21,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.inputs import CheckBox
-from caris_desktop.ui.widgets.labels import IconLabel, label, restyle
+from caris_desktop.ui.widgets.labels import IconLabel, label, named, restyle
 
 _ICON_PX = 20
 
@@ -33,8 +33,7 @@ class PreflightList(QScrollArea):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()
-        self.setObjectName("preflight_list")
-        self.setAccessibleName(tr("Preflight checks"))
+        named(self, "preflight_list", tr("Preflight checks"))
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -85,24 +84,21 @@ class PreflightList(QScrollArea):
 
     def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
         if {check.id for check in checks} != set(self._rows):
-            self._build(checks)
+            # Create the rows, manual checks first.
+            for row in self._rows.values():
+                self._column.removeWidget(row)
+                row.hide()
+                row.deleteLater()
+            self._rows = {}
+            for heading, manual in ((self._by_hand, True), (self._by_itself, False)):
+                section_checks = [check for check in checks if check.manual is manual]
+                heading.setVisible(bool(section_checks) and any(check.manual for check in checks))
+                for place, check in enumerate(section_checks, start=self._column.indexOf(heading) + 1):
+                    row = self._rows[check.id] = PreflightRow(self._theme, self._console, check, self._inner)
+                    self._column.insertWidget(place, row)
+                    row.show()
         for check in checks:
             self._rows[check.id].show_check(check)
-
-    def _build(self, checks: tuple[PreflightCheck, ...]) -> None:
-        """Create the rows, manual checks first."""
-        for row in self._rows.values():
-            self._column.removeWidget(row)
-            row.hide()
-            row.deleteLater()
-        self._rows = {}
-        for heading, manual in ((self._by_hand, True), (self._by_itself, False)):
-            section_checks = [check for check in checks if check.manual is manual]
-            heading.setVisible(bool(section_checks) and any(check.manual for check in checks))
-            for place, check in enumerate(section_checks, start=self._column.indexOf(heading) + 1):
-                row = self._rows[check.id] = PreflightRow(self._theme, self._console, check, self._inner)
-                self._column.insertWidget(place, row)
-                row.show()
 
 
 class PreflightRow(QWidget):

@@ -3,15 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QHideEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QSizePolicy, QWidget
+from PySide6.QtGui import QAccessible, QHideEvent, QIcon, QResizeEvent
+from PySide6.QtWidgets import QApplication, QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LATE_FROM_S
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -22,32 +23,25 @@ from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import duration
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import CheckBox
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named, restyle
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
     from caris_desktop.recording.annotation.timeline_overview import SessionOverview
     from caris_desktop.recording.session.session_protocol import StepRecord
-from typing import Literal
-
-from PySide6.QtCore import QRectF
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton
-
-from caris_desktop.domain.value_class import Value
-from caris_desktop.ui.theme import draw_icon
-
 StepState = Literal["done", "skipped", "now", "late", "ahead"]
 
 _PILL_PX = 28
 _PILL_SIDE_PX, _ICON_PX, _PILL_GAP_PX = 12, 14, 6
 _PILLS_LEAST_PX = 130
-_PILL_ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now": "", "late": "", "ahead": ""}
+_PILL_ICONS: dict[StepState, str] = {
+    "done": "check", "skipped": "skip-forward", "now": "caret-down", "late": "caret-down", "ahead": "",
+}  # fmt: skip
 
 
 class DisplayedStep(Value):
@@ -78,91 +72,57 @@ class DisplayedStep(Value):
         return named.format(number=self.number, title=self.title, time=self.time)
 
 
-class StepPill(QAbstractButton):
+class StepPill(QPushButton):
     """Button of a step. A click does not take the focus."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
         self._theme = theme
-        self._step = DisplayedStep("", 0, "", "ahead")
+        self.step = DisplayedStep("", 0, "", "ahead")
+        self.setProperty("role", "pill")
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
-
-    @property
-    def step(self) -> DisplayedStep:
-        return self._step
+        self.setIconSize(QSize(_ICON_PX, _ICON_PX))
+        theme.changed.connect(self._show_icon)
 
     def show_step(self, step: DisplayedStep) -> None:
-        if step != self._step:
-            self._step = step
-            self.setText(step.text)
+        if step != self.step:
+            self.step = step
             self.setAccessibleName(step.words)
             self.setToolTip(step.words)
-            self.update()
+            self.setText(step.text.replace("&", "&&"))
+            restyle(self, tone={"now": "blue", "late": "amber"}.get(step.state, ""))
+            self._show_icon()
+
+    def _show_icon(self) -> None:
+        present, name = self.step.state in ("now", "late"), _PILL_ICONS[self.step.state]
+        self.setIcon(icon(name, self._theme.color("text" if present else "dim"), _ICON_PX) if name else QIcon())
+        # The arrow of the list of steps follows the text.
+        self.setLayoutDirection(Qt.LayoutDirection.RightToLeft if present else Qt.LayoutDirection.LeftToRight)
 
     def wanted_px(self) -> int:
         # Measured with wide digits, so that a running time moves nothing.
-        text = "".join("0" if sign.isdigit() else sign for sign in self.text())
-        width = QFontMetricsF(self._font()).horizontalAdvance(text) + 2 * _PILL_SIDE_PX + 1
-        width += _ICON_PX + 6 if _PILL_ICONS[self._step.state] else 0
-        return round(width + (_ICON_PX + 4 if self._is_present else 0))
+        wide = "".join("0" if sign.isdigit() else sign for sign in self.step.text)
+        return self.fontMetrics().horizontalAdvance(wide) + self._around_px
+
+    @property
+    def _around_px(self) -> int:
+        return 2 * _PILL_SIDE_PX + 2 + (_ICON_PX + 6 if _PILL_ICONS[self.step.state] else 0)
 
     def sizeHint(self) -> QSize:
         return QSize(self.wanted_px(), _PILL_PX)
 
-    @property
-    def _is_present(self) -> bool:
-        return self._step.state in ("now", "late")
-
-    def _font(self) -> QFont:
-        return self._theme.font(
-            tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if self._is_present else tokens.WEIGHT_NORMAL
-        )
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme, state = self._theme, self._step.state
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        role = {"now": "blue", "late": "amber"}.get(state, "")
-        ground = theme.color(f"{role}_soft") if role else theme.color("raised_hover" if self.underMouse() else "raised")
-        ink = theme.color("text" if role else "dim")
-        painter.setPen(QPen(theme.color(role), 1.4) if role else Qt.PenStyle.NoPen)
-        painter.setBrush(ground)
-        rect = QRectF(self.rect()).adjusted(0.7, 0.7, -0.7, -0.7)
-        painter.drawRoundedRect(rect, rect.height() / 2, rect.height() / 2)
-        if self.hasFocus():
-            painter.setPen(QPen(theme.color("blue"), 2))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), rect.height() / 2 - 1, rect.height() / 2 - 1)
-        self._draw_content(painter, ink)
-
-    def _draw_content(self, painter: QPainter, ink: QColor) -> None:
-        left, right, middle = float(_PILL_SIDE_PX), self.width() - float(_PILL_SIDE_PX), self.height() / 2
-        icon = _PILL_ICONS[self._step.state]
-        if icon:
-            draw_icon(painter, QRectF(left, middle - _ICON_PX / 2, _ICON_PX, _ICON_PX), icon, ink)
-            left += _ICON_PX + 6
-        if self._is_present:
-            right -= _ICON_PX
-            draw_icon(painter, QRectF(right + 2, middle - 6, 12, 12), "caret-down", ink)
-            right -= 4
-        font = self._font()
-        painter.setFont(font)
-        painter.setPen(ink)
-        text = QFontMetricsF(font).elidedText(self.text(), Qt.TextElideMode.ElideRight, right - left + 1)
-        painter.drawText(
-            QRectF(left, 0, right - left + 2, self.height()),
-            int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),
-            text,
-        )
+    def place(self, left_px: int, width_px: int) -> None:
+        """Place in the row, with as much of the text as fits."""
+        right = Qt.TextElideMode.ElideRight
+        text = self.fontMetrics().elidedText(self.step.text, right, width_px - self._around_px + 1)
+        self.setText(text.replace("&", "&&"))
+        self.setGeometry(left_px, 0, width_px, _PILL_PX)
 
 
 class StepPills(QWidget):
-    """Row of steps. ``chosen``: a step was clicked; ``list_requested``: the current one was."""
+    """Row of steps."""
 
-    chosen = Signal(str)
-    list_requested = Signal()
+    clicked = Signal(DisplayedStep)
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -200,7 +160,7 @@ class StepPills(QWidget):
 
     def _new_pill(self) -> StepPill:
         pill = StepPill(self._theme, self)
-        pill.clicked.connect(lambda: self._on_clicked(pill))
+        pill.clicked.connect(lambda: self.clicked.emit(pill.step))
         return pill
 
     @property
@@ -229,14 +189,8 @@ class StepPills(QWidget):
             pill.setVisible(first <= index <= last)
             if first <= index <= last:
                 width = min(widths_px[index], self.width())
-                pill.setGeometry(left, 0, width, _PILL_PX)
+                pill.place(left, width)
                 left += width + _PILL_GAP_PX
-
-    def _on_clicked(self, pill: StepPill) -> None:
-        if pill.step.state in ("now", "late"):
-            self.list_requested.emit()
-        else:
-            self.chosen.emit(pill.step.step_id)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -280,10 +234,8 @@ class ProtocolStrip(Bar, QWidget):
         self._steps_card: StepsCard | None = None
         self._branches_card: BranchesCard | None = None
         self.pills = StepPills(theme)
-        self.pills.chosen.connect(self._go_to)
-        self.pills.list_requested.connect(self._open_or_close_list)
-        self._note = ElidedLabel(role="fine")
-        self._note.setObjectName("step_note_line")
+        self.pills.clicked.connect(self._on_pill_clicked)
+        self._note = ElidedLabel(role="fine", objectName="step_note_line")
         self._ticks: list[CheckBox] = []
         self._ticked = self._button("ticks_button", icon="check-square", menu_arrow=True)
         self._ticked.clicked.connect(self._open_or_close_list)
@@ -462,6 +414,12 @@ class ProtocolStrip(Bar, QWidget):
 
     # Commands
 
+    def _on_pill_clicked(self, step: DisplayedStep) -> None:
+        if step.state in ("now", "late"):
+            self._open_or_close_list()
+        else:
+            self._go_to(step.step_id)
+
     def _go_to(self, step_id: str) -> None:
         record = self._record_of(step_id)
         if not self._replay:
@@ -483,7 +441,7 @@ class ProtocolStrip(Bar, QWidget):
             card.chosen.connect(self._take_branch)
             card.closed.connect(self._on_card_closed)
         card.show_branches(self._branch_texts(step))
-        card.open_below(self._branch)
+        card.open_below(self._branch, self)
         digits = "".join(str(number) for number in range(1, len(step.branches) + 1))
         self._hold.ask_next_key(digits, self._on_digit, after=Qt.KeyboardModifier.ControlModifier)
 
@@ -527,7 +485,7 @@ class ProtocolStrip(Bar, QWidget):
             card.hide()
             return
         self._fill_steps_card(self.shown_steps())
-        card.open_below(self.pills)
+        card.open_below(self.pills, self)
 
     def _on_card_closed(self) -> None:
         self._asks_for_step = False
@@ -538,7 +496,11 @@ class ProtocolStrip(Bar, QWidget):
         if self._steps_card is not None:
             note = "" if step is None else step.note
             if self._replay:
-                steps = [replace(one, time=self._record_words(one)) for one in steps]
+                records = [self._record_of(step.step_id) for step in steps]
+                steps = [
+                    step if record is None else replace(step, time=record_words(record))
+                    for step, record in zip(steps, records, strict=True)
+                ]
             self._steps_card.show_steps(
                 steps, note, self._ticks_now(step), digits=self._asks_for_step, live=not self._replay
             )
@@ -547,10 +509,6 @@ class ProtocolStrip(Bar, QWidget):
         """Record of a step of the present scenario."""
         path = self._console.scenario.path
         return self._records.get(("" if path is None else path.name, step_id))
-
-    def _record_words(self, step: DisplayedStep) -> str:
-        record = self._record_of(step.step_id)
-        return step.time if record is None else record_words(record)
 
     def put_away(self) -> None:
         """Close the popups below the strip."""
@@ -655,8 +613,8 @@ class _CardBelow(FloatingCard):
 
     accessible_role = QAccessible.Role.Dialog
 
-    def open_below(self, part: QWidget) -> None:
-        self._strip = part.parentWidget()
+    def open_below(self, part: QWidget, strip: QWidget) -> None:
+        self._strip = strip
         app = QApplication.instance()
         if app is not None and self.isHidden():
             app.installEventFilter(self)
@@ -668,18 +626,12 @@ class _CardBelow(FloatingCard):
         self.raise_()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        pressed = event.type() == QEvent.Type.MouseButtonPress and isinstance(watched, QWidget)
-        if pressed and not self._is_of(watched):
+        pressed = event.type() == QEvent.Type.MouseButtonPress
+        # A click on the strip, which opens and closes the popup, is none elsewhere.
+        own = (self, self._strip)
+        if pressed and isinstance(watched, QWidget) and not any(p is watched or p.isAncestorOf(watched) for p in own):
             self.hide()
         return False
-
-    def _is_of(self, widget: QObject) -> bool:
-        """Whether a widget belongs to the popup, or to the strip that opens and closes it."""
-        return any(
-            isinstance(widget, QWidget) and (widget is part or part.isAncestorOf(widget))
-            for part in (self, self._strip)
-            if part is not None
-        )
 
     def hideEvent(self, event: QHideEvent) -> None:
         app = QApplication.instance()
@@ -696,8 +648,7 @@ class StepsCard(_CardBelow):
 
     def __init__(self, theme: Theme, window: QWidget) -> None:
         super().__init__(theme, window)
-        self.setObjectName("steps_card")
-        self.setAccessibleName(tr("All steps of the protocol"))
+        named(self, "steps_card", tr("All steps of the protocol"))
         self._note = label("", wraps=True, objectName="step_note")
         self._boxes = layouts.vbox(spacing_px=2)
         self._ticks: list[CheckBox] = []
@@ -757,8 +708,7 @@ class BranchesCard(_CardBelow):
 
     def __init__(self, theme: Theme, window: QWidget) -> None:
         super().__init__(theme, window)
-        self.setObjectName("branches_card")
-        self.setAccessibleName(tr("Actions of the participant"))
+        named(self, "branches_card", tr("Actions of the participant"))
         self._rows: list[ActionButton] = []
         self._column = layouts.vbox(self, margins_px=8, spacing_px=4)
 
@@ -771,7 +721,6 @@ class BranchesCard(_CardBelow):
 
     def _new_row(self) -> ActionButton:
         number = len(self._rows) + 1
-        row = ActionButton(self._theme, key_first=True, height_px=_ROW_PX)
-        row.clicked.connect(lambda: self.chosen.emit(number))
+        row = ActionButton(self._theme, key_first=True, height_px=_ROW_PX, clicked=lambda: self.chosen.emit(number))
         self._column.addWidget(row)
         return row

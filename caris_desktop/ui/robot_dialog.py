@@ -24,7 +24,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, named, restyle
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.live.robot_explorer import LiveRobotExplorer
@@ -69,7 +69,6 @@ class RobotDialog(FormDialog):
         super().__init__(theme, parent, "robot_dialog", tr("Connect another robot"))
         self._explorer = explorer
         self._found: Exploration | None = None
-        self._proposal: Proposal | None = None
         self._busy = ""
         self._rows: dict[str, MappingRow] = {}
         hint = tr(
@@ -108,8 +107,7 @@ class RobotDialog(FormDialog):
             toolTip=tr("Custom certificates (wss://) and the rosauth secret"),
         )  # fmt: skip
         self._note = NoteLine(theme)
-        self._summary = ElidedLabel(role="note")
-        self._summary.setObjectName("robot_summary")
+        self._summary = ElidedLabel(role="note", objectName="robot_summary")
         self._pages = QTabWidget(documentMode=True)
         self._pages.setObjectName("robot_pages")
         self._pages.setFocusProxy(None)  # type: ignore[arg-type] # Qt takes none
@@ -129,8 +127,7 @@ class RobotDialog(FormDialog):
             "robot_name", tr("Name of the robot"), placeholderText=tr("for example Lab robot"), maxLength=60,
             textChanged=self._refresh,
         )  # fmt: skip
-        self._file = ElidedLabel(role="note")
-        self._file.setObjectName("robot_file")
+        self._file = ElidedLabel(role="note", objectName="robot_file")
         self._check = self._button(
             "check", tr("Check live"), self.check, icon="activity",
             toolTip=tr("Listen to every stream for a few seconds"),
@@ -163,12 +160,10 @@ class RobotDialog(FormDialog):
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
         self._start_label, self._namespace_label = label(tr("Start from"), "note"), label(tr("Namespace"), "note")
-        self.start_from = DropDown(self._theme, "robot_start_from", tr("Start from"))
-        self.start_from.setMinimumWidth(340)
-        self.start_from.activated.connect(self._on_start_chosen)
-        self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
-        self.namespace.setMinimumWidth(180)
-        self.namespace.activated.connect(self._on_namespace_chosen)
+        self.start_from = DropDown(self._theme, "robot_start_from", tr("Start from"), minimumWidth=340)
+        self.start_from.activated.connect(self._propose)
+        self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"), minimumWidth=180)
+        self.namespace.activated.connect(self._propose)
         choices = layouts.hbox(
             None, self._start_label, self.start_from, self._namespace_label, self.namespace, 1, spacing_px=8
         )
@@ -181,9 +176,7 @@ class RobotDialog(FormDialog):
         page = QWidget()
         hint = tr("Filter by name or type…")
         self._filter = line_edit("robot_filter", tr("Filter"), placeholderText=hint, textChanged=self._fill_offer)
-        self.offer_list = QListWidget()
-        self.offer_list.setObjectName("robot_offer")
-        self.offer_list.setAccessibleName(tr("Everything the robot offers"))
+        self.offer_list = named(QListWidget(), "robot_offer", tr("Everything the robot offers"))
         layouts.vbox(page, self._filter, (self.offer_list, 1), margins_px=(0, 8, 0, 0))
         return page
 
@@ -280,7 +273,6 @@ class RobotDialog(FormDialog):
                 self._security_toggle.setChecked(True)
             return
         self._found = found
-        self._proposal = found.proposal
         offer = found.offer
         ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else tr("unknown ROS version")
         self._summary.setText(
@@ -361,18 +353,12 @@ class RobotDialog(FormDialog):
         self._forget()
         self._note.show_note("dim", "", "")
 
-    def _on_start_chosen(self, _index: int) -> None:
-        if self._proposal is not None:
-            self._show_proposal(self._proposal)
-
-    def _on_namespace_chosen(self, _index: int) -> None:
+    def _propose(self) -> None:
         if self._found is not None:
-            self._proposal = propose(self._found.offer, namespace=self.namespace.currentData())
-            self._show_proposal(self._proposal)
+            self._show_proposal(propose(self._found.offer, namespace=self.namespace.currentData()))
 
     def _forget(self) -> None:
         self._found = None
-        self._proposal = None
         self._drop_rows(self._rows)
         self._refresh()
 
@@ -490,8 +476,7 @@ class MappingRow(QWidget):
         name = label(tr(title), wraps=True)
         name.setFixedWidth(170)
         self._icon = IconLabel(theme)
-        self._verdict = ElidedLabel()
-        self._verdict.setObjectName("mapping_verdict")
+        self._verdict = ElidedLabel(objectName="mapping_verdict")
         self.box = DropDown(theme, f"mapping_{field}_box", tr(title))
         self.box.setMaxVisibleItems(_SHORT_LIST)
         chosen: QWidget = self.box

@@ -26,7 +26,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label, line_edit
+from caris_desktop.ui.widgets.labels import label, line_edit, named
 
 
 class ScenarioFiles:
@@ -162,10 +162,10 @@ class ConfirmFileDialog(FormDialog):
         grid.setColumnStretch(1, 2)
         grid.addWidget(label(title, "title", wraps=True), 0, 0, 1, 2)
         for row, reference in enumerate(references, start=1):
-            named = label(
+            names = label(
                 _broken(reference.text), wraps=True, objectName="confirm_file_named", textInteractionFlags=_SELECTABLE
             )
-            grid.addWidget(named, row, 0, 1, 1 if reference.purpose else 2, Qt.AlignmentFlag.AlignTop)
+            grid.addWidget(names, row, 0, 1, 1 if reference.purpose else 2, Qt.AlignmentFlag.AlignTop)
             if reference.purpose:
                 purpose = label(reference.purpose, tone="dim", wraps=True)
                 grid.addWidget(purpose, row, 1, Qt.AlignmentFlag.AlignTop)
@@ -251,13 +251,12 @@ class _Part(QWidget):
             theme, tr("Show differences"), icon="git-diff", height_px=32, objectName=f"what_differs_{kind}",
             clicked=self._show_differences,
         )  # fmt: skip
-        self.differences = QPlainTextEdit(readOnly=True)
-        self.differences.setObjectName(f"differences_{kind}")
+        self.differences = named(QPlainTextEdit(readOnly=True), f"differences_{kind}")
         self.differences.setAccessibleName(tr("Differences between the imported and the existing version"))
         self.differences.setMinimumHeight(180)
         self.differences.hide()
-        named = layouts.hbox(None, (self.choice, 1), (self.name, 1), spacing_px=8)
-        column = layouts.vbox(self, question, named, margins_px=0, spacing_px=6)
+        names = layouts.hbox(None, (self.choice, 1), (self.name, 1), spacing_px=8)
+        column = layouts.vbox(self, question, names, margins_px=0, spacing_px=6)
         if conflict.own:
             self.choice.addItem(tr("Replace the existing one"), True)
         else:

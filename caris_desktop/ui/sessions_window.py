@@ -15,6 +15,7 @@ from PySide6.QtCore import (
     QModelIndex,
     QRect,
     QRectF,
+    QSignalBlocker,
     QSize,
     Qt,
     QTimer,
@@ -53,7 +54,7 @@ from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, add_clear_button
-from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.labels import label, line_edit, named, restyle
 from caris_desktop.ui.widgets.rows import Index, RowDelegate
 
 _ROW_PX = 36
@@ -279,10 +280,8 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             choice.currentIndexChanged.connect(self._find)
             self._filters[name] = choice
         self.model = SessionsModel(theme, self)
-        self.table = SessionTable()
+        self.table = named(SessionTable(), "sessions_table", tr("Sessions"))
         self.table.setModel(self.model)
-        self.table.setObjectName("sessions_table")
-        self.table.setAccessibleName(tr("Sessions"))
         self.table.chosen.connect(self._replay)
         self.table.doubleClicked.connect(lambda index: self._open_replay(self.model.entry(index.row()).folder))
         self.table.selectionModel().selectionChanged.connect(self._show_buttons)
@@ -293,9 +292,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._places = PLACES_A_PAGE
         self.hits = HitsModel(self)
         self.hits.more_requested.connect(self._show_more)
-        self.hit_list = HitList()
-        self.hit_list.setObjectName("sessions_hits")
-        self.hit_list.setAccessibleName(tr("Search results"))
+        self.hit_list = named(HitList(), "sessions_hits", tr("Search results"))
         self.hit_list.setModel(self.hits)
         self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
         self.hit_list.setUniformItemSizes(True)
@@ -375,9 +372,8 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
     def _show_all(self) -> None:
         self.search.clear()
         for choice in self._filters.values():
-            choice.blockSignals(True)
-            choice.setCurrentIndex(0)
-            choice.blockSignals(False)
+            with QSignalBlocker(choice):
+                choice.setCurrentIndex(0)
         self._find()
 
     def _on_found(self, status: LibraryStatus) -> None:
@@ -386,7 +382,15 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             self._listed = status.sessions
             chosen = {entry.folder for entry in self.selected()}
             self.model.show_entries(status.sessions)
-            self._select(chosen)
+            rows = [row for folder in chosen if (row := self.model.row_of(folder)) is not None]
+            selection = self.table.selectionModel()
+            for row in rows:
+                selection.select(
+                    self.model.index(row, 0),
+                    QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows,
+                )
+            if rows:
+                selection.setCurrentIndex(self.model.index(rows[0], 0), QItemSelectionModel.SelectionFlag.NoUpdate)
         self.hits.show_hits(status)
         searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
         self._hits_part.setVisible(bool(status.hits) or searching)
@@ -397,31 +401,16 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._say(status)
         self._show_buttons()
 
-    def _select(self, folders: set[Path]) -> None:
-        rows = [row for folder in folders if (row := self.model.row_of(folder)) is not None]
-        selection = self.table.selectionModel()
-        for row in rows:
-            selection.select(
-                self.model.index(row, 0),
-                QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows,
-            )
-        if rows:
-            selection.setCurrentIndex(self.model.index(rows[0], 0), QItemSelectionModel.SelectionFlag.NoUpdate)
-
     def _learn(self, status: LibraryStatus) -> None:
         """Add every participant, condition, ... seen so far to the filters."""
         for name, choice in self._filters.items():
             values = {str(getattr(entry, name)) for entry in status.sessions} - {""}
             if not values <= self._known[name]:
                 self._known[name] |= values
-                current = choice.currentData()
-                choice.blockSignals(True)
-                while choice.count() > 1:
-                    choice.removeItem(1)
-                for value in sorted(self._known[name], key=natural_order):
-                    choice.addItem(purpose_title(value) if name == "purpose" else value, value)
-                choice.setCurrentIndex(max(0, choice.findData(current)))
-                choice.blockSignals(False)
+                ordered = sorted(self._known[name], key=natural_order)
+                items = [(purpose_title(value) if name == "purpose" else value, value) for value in ordered]
+                with QSignalBlocker(choice):
+                    choice.fill([(choice.itemText(0), ""), *items], choice.currentData())
             choice.setVisible(bool(self._known[name]))
 
     def _say(self, status: LibraryStatus) -> None:

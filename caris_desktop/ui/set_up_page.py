@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal
 
-from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QImage, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtCore import QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QMouseEvent, QPixmap
 from PySide6.QtWidgets import (
     QBoxLayout,
     QButtonGroup,
@@ -37,7 +37,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import shrunk
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, named, restyle
 from caris_desktop.ui.windows import RobotChooser
 
 _PICTURE_EVERY_MS = 200
@@ -154,7 +154,7 @@ class CameraPage(StepPage):
         camera = self._camera = DropDown(self.theme, "first_use_camera", tr("Camera"))
         camera.activated.connect(lambda index: state.choose_camera(camera.itemData(index)))
         self.column.addWidget(self._camera)
-        self.column.addWidget(LivePicture(self.theme, self.console))
+        self.column.addWidget(LivePicture(self.console))
         state.cameras.changed.connect(self._show_cameras)
         state.camera.changed.connect(self._show_cameras)
         self._show_cameras()
@@ -168,27 +168,20 @@ class CameraPage(StepPage):
         self._camera.setVisible(len(names) > 1)
 
 
-class LivePicture(QWidget):
+class LivePicture(QLabel):
     """Live preview at a few Hz; text without a fresh picture."""
 
     accessible_role = QAccessible.Role.Graphic
 
-    def __init__(self, theme: Theme, console: WizardConsole) -> None:
-        super().__init__()
-        self.setObjectName("first_use_picture")
-        self.setAccessibleName(tr("Camera picture"))
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+    def __init__(self, console: WizardConsole) -> None:
+        super().__init__(tr("No picture yet"), alignment=Qt.AlignmentFlag.AlignCenter)
+        named(self, "first_use_picture", tr("Camera picture"))
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMaximumWidth(_PICTURE_PX.width())
-        self._theme = theme
         self._console = console
-        self._image: QImage | None = None
         self._timer = QTimer(self, interval=_PICTURE_EVERY_MS)
         self._timer.timeout.connect(self.refresh)
         self._timer.start()
-
-    @property
-    def shows_picture(self) -> bool:
-        return self._image is not None
 
     def refresh(self) -> None:
         """Update the preview if visible."""
@@ -196,23 +189,13 @@ class LivePicture(QWidget):
         if not self.isVisible():
             return
         image_bgr = self._console.frames.read(stream.value) if stream.freshness in ("fresh", "stale") else None
-        self._image = None if image_bgr is None else shrunk(image_bgr, self.size())
-        self.update()
+        if image_bgr is None:
+            self.setText(tr("No picture yet"))
+        else:
+            self.setPixmap(QPixmap.fromImage(shrunk(image_bgr, self.size())))
 
     def sizeHint(self) -> QSize:
         return _PICTURE_PX
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        bounds = QRectF(self.rect())
-        painter.fillRect(bounds, self._theme.color("video_ground"))
-        if self._image is not None:
-            size = self._image.size()
-            left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
-            painter.drawImage(QRectF(left, top, size.width(), size.height()), self._image)
-            return
-        painter.setPen(self._theme.color("video_dim"))
-        painter.drawText(bounds, int(Qt.AlignmentFlag.AlignCenter), tr("No picture yet"))
 
 
 class SoundPage(StepPage):
@@ -223,10 +206,9 @@ class SoundPage(StepPage):
 
     def build(self) -> None:
         console = self.console
-        self._output: DropDown | None = None
         if self.add_check("voice"):
-            self._output = DropDown(self.theme, "first_use_voice", tr("Who speaks"))
-            self._output.activated.connect(self._on_output)
+            output = self._output = DropDown(self.theme, "first_use_voice", tr("Who speaks"))
+            output.activated.connect(lambda index: console.do(output.itemData(index)))
             sentence = intents.Say(tr("Hello. Can you hear me?"), "phrase")
             say = self.button("say", tr("Say a sentence"), "speaker-high", lambda: console.do(sentence))
             self.add_choice(tr("Who speaks"), self._output, say)
@@ -238,9 +220,7 @@ class SoundPage(StepPage):
         self.add_choice(tr("Microphone"), self._make_microphones(), holder=self._microphones)
         console.state.robot.changed.connect(self._show_microphone_owner)
         self._show_microphone_owner(console.state.robot.value)
-        self._level = QProgressBar(textVisible=False)
-        self._level.setObjectName("first_use_level")
-        self._level.setAccessibleName(tr("Microphone level"))
+        self._level = named(QProgressBar(textVisible=False), "first_use_level", tr("Microphone level"))
         self._level.setMaximumWidth(_PICTURE_PX.width())
         self.column.addWidget(self._level)
         console.state.microphone.changed.connect(self._show_level)
@@ -260,16 +240,11 @@ class SoundPage(StepPage):
         self._microphones.setVisible(participant_microphone(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
-        if self._output is not None:
-            self._output.clear()
-            for number, choice in enumerate(voice_choices(self.console.state.voice.value)[0]):
-                self._output.addItem(choice.text, choice.intent)
-                if choice.chosen:
-                    self._output.setCurrentIndex(number)
-
-    def _on_output(self, index: int) -> None:
-        if self._output is not None:
-            self.console.do(self._output.itemData(index))
+        self._output.clear()
+        for number, choice in enumerate(voice_choices(self.console.state.voice.value)[0]):
+            self._output.addItem(choice.text, choice.intent)
+            if choice.chosen:
+                self._output.setCurrentIndex(number)
 
     def _show_level(self, microphone: MicrophoneStatus) -> None:
         # Square root for perceived loudness: quiet speech must show.
@@ -330,8 +305,7 @@ class SetUpPage(Overlay):
 
     def __init__(self, theme: Theme, window: QWidget, console: WizardConsole, robots: RobotChooser) -> None:
         super().__init__(theme, window, width_px=_WIDTH_PX)
-        self.setObjectName("first_use")
-        self.setAccessibleName(tr("Set up"))
+        named(self, "first_use", tr("Set up"))
         self._console = console
         self._robots = robots
         self._through = False
@@ -415,13 +389,7 @@ class SetUpPage(Overlay):
         self.close_overlay()
 
     def _on_own(self) -> None:
-        self._build_steps()
-        self.show_step(self._steps[0].name)
-
-    # Steps
-
-    def _build_steps(self) -> None:
-        """Rebuilt each time: steps depend on the scenario."""
+        # Rebuilt each time: steps depend on the scenario.
         if self._step_page is not None:
             self._pages.removeWidget(self._step_page)
             self._step_page.deleteLater()
@@ -455,6 +423,9 @@ class SetUpPage(Overlay):
         layouts.vbox(page, (Scrolled(content), 1), foot, margins_px=0)
         self._step_page = page
         self._pages.addWidget(page)
+        self.show_step(self._steps[0].name)
+
+    # Steps
 
     def show_step(self, name: StepName) -> None:
         place = [step.name for step in self._steps].index(name)

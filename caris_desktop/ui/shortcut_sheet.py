@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ActionSpec
@@ -152,19 +151,15 @@ class KeyCell(QAbstractButton):
     def __init__(self, theme: Theme, column: Column) -> None:
         super().__init__()
         self._theme = theme
-        self._caps: tuple[str, ...] = ()
+        self.caps: tuple[str, ...] = ()
         self._asks = False
         self.column: Column = column
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
 
-    @property
-    def caps(self) -> tuple[str, ...]:
-        return self._caps
-
     def show_caps(self, caps: Iterable[str]) -> None:
-        self._caps = tuple(dict.fromkeys(caps))  # both Enter keys read alike
+        self.caps = tuple(dict.fromkeys(caps))  # both Enter keys read alike
         self.updateGeometry()
         self.update()
 
@@ -174,7 +169,7 @@ class KeyCell(QAbstractButton):
         self.update()
 
     def sizeHint(self) -> QSize:
-        caps = sum(round(key_cap_width(self._theme, cap)) + 4 for cap in self._caps) + 8
+        caps = sum(round(key_cap_width(self._theme, cap)) + 4 for cap in self.caps) + 8
         return QSize(max(_CELL_WIDTHS_PX[self.column], caps), _CELL_PX)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -189,11 +184,11 @@ class KeyCell(QAbstractButton):
         painter.setPen(theme.color("text" if lit else "dim"))
         left = 6.0
         room = QRectF(self.rect()).adjusted(left, 0, -4, 0)
-        if self._asks or not self._caps:
+        if self._asks or not self.caps:
             words = tr("Press keys…") if self._asks else tr("add") if lit else "–" if self.isEnabled() else ""
             painter.drawText(room, int(Qt.AlignmentFlag.AlignVCenter), words)
             return
-        for cap in self._caps:
+        for cap in self.caps:
             left += draw_key_cap(painter, theme, cap, left, self.height() / 2) + 4
 
 
@@ -260,9 +255,8 @@ class ShortcutGroup(QWidget):
             (tr("In the list") if rows[0].spec.within == "queue" else tr("Anywhere"), _CELL_WIDTHS_PX["keys"]),
             ("" if rows[0].spec.within else tr("Driving"), _CELL_WIDTHS_PX["driving_keys"]),
         ):
-            column = label(name, "note")
+            column = label(name, "note", minimumWidth=width)
             column.setContentsMargins(6, 0, 0, 0)
-            column.setMinimumWidth(width)
             heading.addWidget(column)
         heading.addSpacing(_PUT_BACK_PX + 4)
         layouts.vbox(self, heading, *rows, margins_px=(0, 0, 0, 12), spacing_px=0)
@@ -276,15 +270,6 @@ class ShortcutGroup(QWidget):
         return len(found)
 
 
-@dataclass(slots=True)
-class _Asked:
-    """Line and column that wait for a key; ``keys``: a choice that awaits confirmation because other rows have it."""
-
-    row: ShortcutRow
-    cell: KeyCell
-    keys: Keys | None = None
-
-
 class ShortcutSheet(Overlay):
     """Shortcut sheet of this scenario. Click a key, then press the new one; conflicts are reported at once."""
 
@@ -296,10 +281,12 @@ class ShortcutSheet(Overlay):
         self._actions = actions
         self._keys = keys
         self._hold = hold
-        self._request: _Asked | None = None
+        self._asked: tuple[ShortcutRow, KeyCell] | None = None
+        """Line and column that wait for a key."""
+        self._doubtful: Keys | None = None
+        """Choice that awaits confirmation because other rows have it."""
         self._rows: dict[str, ShortcutRow] = {}
         self._groups: list[ShortcutGroup] = []
-        self._columns = QHBoxLayout()
         self._sides: tuple[QWidget, ...] = ()
         self._turned = False
         self._ids: list[str] = []
@@ -341,7 +328,7 @@ class ShortcutSheet(Overlay):
 
     def step_back(self) -> None:
         """Esc: cancel a key choice first, then close the sheet."""
-        if self._request is not None:
+        if self._asked is not None:
             self.stop_asking()
         else:
             self.close_overlay()
@@ -360,7 +347,7 @@ class ShortcutSheet(Overlay):
         return self._window.height()  # all there is; Overlay keeps a margin
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        if self._request is None:
+        if self._asked is None:
             super().mousePressEvent(event)
         else:
             self.stop_asking()
@@ -468,7 +455,7 @@ class ShortcutSheet(Overlay):
     def ask_for(self, row: ShortcutRow, cell: KeyCell) -> None:
         """Wait for the new key of this row."""
         self.stop_asking()
-        self._request = _Asked(row, cell)
+        self._asked = row, cell
         cell.set_asks(True)
         self._say(
             tr("Press the new key for “{act}”. Esc leaves the key unchanged.").format(act=row.spec.text),
@@ -478,23 +465,22 @@ class ShortcutSheet(Overlay):
         self._hold.captures = self._on_pressed
 
     def stop_asking(self) -> None:
-        if self._request is not None:
-            self._request.cell.set_asks(False)
-            self._request = None
+        if self._asked is not None:
+            self._asked[1].set_asks(False)
+        self._asked = self._doubtful = None
         self._hold.captures = None
         self._say(
             tr("Click a key to change it. “Driving” applies while Drive, Video or Map has the focus."), waits=False
         )
 
     def _on_pressed(self, pressed: PressedKey) -> None:
-        request = self._request
-        if request is None:
+        if self._asked is None:
             return
-        spec, column, key = request.row.spec, request.cell.column, pressed.key
-        if request.keys is not None and key == "Return":
+        spec, column, key = self._asked[0].spec, self._asked[1].column, pressed.key
+        if self._doubtful is not None and key == "Return":
             self._on_reassign()
             return
-        request.keys = None
+        self._doubtful = None
         if spec.by_position and key.removeprefix("Alt+").count("+") == 0:
             key = pressed.position or key.removeprefix("Alt+")
         rows = self._actions.all_specs
@@ -508,7 +494,7 @@ class ShortcutSheet(Overlay):
         if safe:
             self._say(tr("This key stops the robot. Press another key."), wrong=True)
         elif others:
-            request.keys = keys
+            self._doubtful = keys
             names = tr(", ", "between names of acts").join(f"“{other.text}”" for other in others.values())
             cap = self._actions.caps(spec, [key])[0]
             self._say(
@@ -519,12 +505,12 @@ class ShortcutSheet(Overlay):
             self._choose(spec, keys)
 
     def _on_reassign(self) -> None:
-        if self._request is not None and self._request.keys is not None:
-            self._choose(self._request.row.spec, self._request.keys)
+        if self._asked is not None and self._doubtful is not None:
+            self._choose(self._asked[0].spec, self._doubtful)
 
     def _on_remove(self) -> None:
-        if self._request is not None:
-            spec, column = self._request.row.spec, self._request.cell.column
+        if self._asked is not None:
+            spec, column = self._asked[0].spec, self._asked[1].column
             emptied = {"keys": (), "driving_keys": ()} if spec.by_position else {column: ()}
             self._choose(spec, Keys(**({"keys": spec.keys, "driving_keys": spec.driving_keys} | emptied)))
 

@@ -38,7 +38,7 @@ from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.containers import FlowRow
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.window_place import InSight
 
 _HEIGHT_PX = 22
@@ -175,66 +175,50 @@ class StatusItem(QWidget):
         super().__init__()
         self.setObjectName(name)
         self._theme = theme
-        self._text, self._role, self._icon = "", "dim", ""
+        self.text, self.role, self._icon = "", "dim", ""
         self._tip = ""
-        self._left_out = False
-        self._full_px = 0
+        self.left_out = False
+        self.full_px = 0
+        """Width in px with its whole text."""
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.hide()
         theme.changed.connect(self.update)
 
-    @property
-    def text(self) -> str:
-        return self._text
-
-    @property
-    def role(self) -> str:
-        return self._role
-
     def say(self, text: str, role: str = "dim", *, icon: str = "", tip: str = "") -> None:
         """Set the text; an empty text hides the item."""
-        if (text, role, icon) != (self._text, self._role, self._icon):
-            self._text, self._role, self._icon = text, role, icon
+        if (text, role, icon) != (self.text, self.role, self._icon):
+            self.text, self.role, self._icon = text, role, icon
             metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
             width = metrics.horizontalAdvance(text) + (20 if icon else 0) + 2
             # Rounded up in steps, so that a digit more or less moves nothing and causes no layout pass.
-            self._full_px = math.ceil(width / _STEP_PX) * _STEP_PX if text else 0
-            if self._full_px != self.minimumWidth():
-                self.setFixedWidth(self._full_px)
-            self.setVisible(bool(text) and not self._left_out)
+            self.full_px = math.ceil(width / _STEP_PX) * _STEP_PX if text else 0
+            if self.full_px != self.minimumWidth():
+                self.setFixedWidth(self.full_px)
+            self.setVisible(bool(text) and not self.left_out)
             self.setAccessibleName(text)
             self.update()
         if tip != self._tip:
             self._tip = tip
             self._show_tip()
 
-    @property
-    def full_px(self) -> int:
-        """Width in px with its whole text."""
-        return self._full_px
-
     def use_room(self, width_px: int) -> None:
         """Limit the width; the tooltip shows elided text."""
-        width_px = min(self._full_px, width_px)
+        width_px = min(self.full_px, width_px)
         if width_px != self.minimumWidth():
             self.setFixedWidth(width_px)
             self._show_tip()
             self.update()
 
     def _show_tip(self) -> None:
-        lines = ([self._text] if self.minimumWidth() < self._full_px else []) + self._tip.splitlines()
+        lines = ([self.text] if self.minimumWidth() < self.full_px else []) + self._tip.splitlines()
         self.setToolTip("\n".join(lines))
         self.setAccessibleDescription(" ".join(self._tip.splitlines()))
 
-    @property
-    def left_out(self) -> bool:
-        return self._left_out
-
     def leave_out(self, left_out: bool) -> None:
         """Hide the item whatever its text."""
-        if left_out != self._left_out:
-            self._left_out = left_out
-            self.setVisible(bool(self._text) and not left_out)
+        if left_out != self.left_out:
+            self.left_out = left_out
+            self.setVisible(bool(self.text) and not left_out)
 
     def mousePressEvent(self, _event: QMouseEvent) -> None:
         self.clicked.emit()
@@ -244,13 +228,13 @@ class StatusItem(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         left = 0.0
         if self._icon:
-            draw_icon(painter, QRectF(0, self.height() / 2 - 7.5, 15, 15), self._icon, self._theme.color(self._role))
+            draw_icon(painter, QRectF(0, self.height() / 2 - 7.5, 15, 15), self._icon, self._theme.color(self.role))
             left = 20.0
         painter.setFont(self._theme.font(tokens.STATUS_PX))
-        painter.setPen(self._theme.color(self._role))
+        painter.setPen(self._theme.color(self.role))
         rect = QRectF(left, 0, self.width() - left + 4, self.height())
-        text = self._text
-        if self.minimumWidth() < self._full_px:
+        text = self.text
+        if self.minimumWidth() < self.full_px:
             text = painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, round(self.width() - left))
         painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), text)
 
@@ -356,7 +340,8 @@ class StatusBar(Bar, InSight):
         self._say_battery()
         refused = sum(measured.refused for measured in state.traffic.value.values())
         items["refused"].say(
-            _refused(refused) if refused else "", "amber", icon="warning",
+            tr("%n messages refused", "", refused) if refused > 1 else tr("1 message refused") if refused else "",
+            "amber", icon="warning",
             tip=tr(
                 "Messages from the robot that could not be used: malformed, too large or of the wrong type.\n"
                     "Diagnostics shows which topics are affected."
@@ -609,10 +594,6 @@ class StatusBar(Bar, InSight):
         item.say(text, "amber" if low else "dim", icon="warning" if low else "")
 
 
-def _refused(count: int) -> str:
-    return tr("1 message refused") if count == 1 else tr("%n messages refused", "", count)
-
-
 def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
     """Tooltip: round trip, and the robot's clock offset."""
     lines = [tr("Round trip to the robot.")]
@@ -641,8 +622,7 @@ class ConnectionCard(Overlay):
 
     def __init__(self, theme: Theme, window: QWidget, state: LiveState) -> None:
         super().__init__(theme, window, width_px=860)
-        self.setObjectName("connection_card")
-        self.setAccessibleName(tr("Connection in the last minute"))
+        named(self, "connection_card", tr("Connection in the last minute"))
         length = round(SPAN_S * 1000 / _SAMPLE_MS)
         self.times_s: deque[float] = deque(maxlen=length)
         self.values_ms: dict[str, deque[float]] = {name: deque(maxlen=length) for name, *_ in _CURVES}
@@ -761,8 +741,7 @@ class _LegendEntry(QWidget):
         super().__init__()
         self._name = text
         self._words = QLabel()
-        sample = QFrame()
-        sample.setObjectName(f"curve_{name}")
+        sample = named(QFrame(), f"curve_{name}")
         sample.setFixedSize(24, 2)
         layouts.hbox(self, sample, self._words, margins_px=0, spacing_px=10)
         # Room for the longest value, so that nothing moves.

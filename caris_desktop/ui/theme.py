@@ -93,7 +93,7 @@ class Theme(QObject):
     def __init__(self, app: QApplication, choice: ThemeChoice = "system", parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._app = app
-        self._choice: ThemeChoice = choice
+        self.choice: ThemeChoice = choice
         self.family = _pick_family()
         self._fonts: dict[tuple[int, int], QFont] = {}
         QPixmapCache.setCacheLimit(_CACHED_KIB)
@@ -103,13 +103,9 @@ class Theme(QObject):
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._on_system_scheme_changed)
         self._apply()
 
-    @property
-    def choice(self) -> ThemeChoice:
-        return self._choice
-
     def set_choice(self, choice: ThemeChoice) -> None:
-        if choice != self._choice:
-            self._choice = choice
+        if choice != self.choice:
+            self.choice = choice
             self._apply()
 
     def color(self, role: str) -> QColor:
@@ -132,11 +128,11 @@ class Theme(QObject):
 
     def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:
         self._system_scheme = scheme
-        if self._choice == "system":
+        if self.choice == "system":
             self._apply()
 
     def _apply(self) -> None:
-        self.colors = colors_for(self._choice, self._system_scheme)
+        self.colors = colors_for(self.choice, self._system_scheme)
         QPixmapCache.clear()
         self._app.setPalette(make_palette(self.colors))
         self._app.setFont(self.font())
@@ -294,6 +290,17 @@ QLabel#welcome {{ font-size: 24px; }}
 QPushButton[role="step"] {{ background: transparent; border: 0; border-radius: {radius}px; }}
 QPushButton[role="step"]:checked, QPushButton[role="step"]:hover {{ background: {colors.raised}; }}
 QPushButton[role="step"]:focus {{ border: 2px solid {colors.blue}; }}
+QPushButton[role="pill"] {{
+    background: {colors.raised}; color: {colors.dim}; border: 1px solid transparent; border-radius: 14px;
+    padding: 0 11px; font-size: {status + 1}px; text-align: left;
+}}
+QPushButton[role="pill"]:hover {{ background: {colors.raised_hover}; }}
+QPushButton[role="pill"][tone="blue"], QPushButton[role="pill"][tone="amber"] {{
+    background: {colors.blue_soft}; color: {colors.text}; border-color: {colors.blue};
+    font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QPushButton[role="pill"][tone="amber"] {{ background: {colors.amber_soft}; border-color: {colors.amber}; }}
+QPushButton[role="pill"]:focus {{ border: 2px solid {colors.blue}; padding: 0 10px; }}
 QPushButton[role="choice"] {{
     background: {colors.raised}; border: 1px solid {colors.line}; border-radius: {tokens.PANEL_RADIUS_PX}px;
 }}
@@ -306,6 +313,7 @@ QWidget#gamepad_view, QFrame#speed_frame {{
 QFrame#curve_round_trip {{ border: 0; border-top: 2px solid {colors.blue}; }}
 QFrame#curve_video {{ border: 0; border-top: 2px dashed {colors.green}; }}
 QFrame#curve_lidar {{ border: 0; border-top: 2px dotted {colors.amber}; }}
+Overlay {{ background: {colors.shadow}; }}
 QWidget[role="card"] {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: 12px;
 }}
@@ -366,7 +374,7 @@ QWidget#photo_thumbnail {{
     background: {colors.video_chip}; border: 1px solid {colors.video_line}; border-radius: {radius}px;
 }}
 QWidget#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
-QLabel#moment_picture {{ background: {colors.video_ground}; }}
+QLabel#moment_picture, QLabel#first_use_picture {{ background: {colors.video_ground}; color: {colors.video_dim}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider:horizontal {{ min-height: 20px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}

@@ -3,6 +3,7 @@ what can be done with the session next.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
@@ -76,7 +77,11 @@ class ResumeTrialCard(DockCard):
         self._boxes: dict[AsBefore, CheckBox] = {}
         for condition, text in _ASKED.items():
             self._boxes[condition] = CheckBox(
-                theme, tr(text), wraps=True, objectName=f"going_on_{condition}", clicked=self._confirmer(condition)
+                theme,
+                tr(text),
+                wraps=True,
+                objectName=f"going_on_{condition}",
+                clicked=partial(self._confirm, condition),
             )
         self._yes = self._button("yes", tr("Resume the trial"), lambda: console.do(intents.GoOnWithTrial()), "primary")
         self._start = self._button("start", tr("Record the next part"), start_recording, "primary", icon="record")
@@ -96,12 +101,9 @@ class ResumeTrialCard(DockCard):
             self._theme, text, icon=icon, role=role, height_px=38, objectName=f"going_on_{name}", clicked=run
         )
 
-    def _confirmer(self, condition: AsBefore) -> Callable[[bool], None]:
-        def confirm(_checked: bool) -> None:
-            self._console.do(intents.ConfirmAsBefore(condition))
-            self._show(self._console.state.going_on.value)  # a confirmation cannot be withdrawn
-
-        return confirm
+    def _confirm(self, condition: AsBefore, _checked: bool) -> None:
+        self._console.do(intents.ConfirmAsBefore(condition))
+        self._show(self._console.state.going_on.value)  # a confirmation cannot be withdrawn
 
     def _show(self, status: CrashRecoveryStatus) -> None:
         if not status.state:
@@ -159,7 +161,7 @@ class SavedSessionCard(DockCard):
         self._replay = self._button("replay", tr("Replay"), "play", self._open_replay)
         export = self._button("export", tr("Export…"), "export", sessions.export_last_session)
         folder = self._button("folder", tr("Open folder"), "folder-open", self._open_folder)
-        close = self._button("close", tr("Close"), "x", lambda: None)
+        close = self._button("close", tr("Close"), "x", self.hide)
         self.column.addSpacing(4)
         self.column.addLayout(layouts.hbox(None, self._replay, export, folder, 1, close, spacing_px=tokens.GRID_PX))
 
@@ -181,13 +183,10 @@ class SavedSessionCard(DockCard):
         self.hide()
 
     def _button(self, name: str, text: str, icon: str, act: Callable[[], None]) -> ActionButton:
-        def clicked() -> None:
-            self.hide()
-            act()
-
-        return ActionButton(
-            self._theme, text, icon=icon, height_px=34, objectName=f"saved_session_{name}", clicked=clicked
-        )
+        name = f"saved_session_{name}"
+        button = ActionButton(self._theme, text, icon=icon, height_px=34, objectName=name, clicked=self.hide)
+        button.clicked.connect(act)
+        return button
 
     def _open_replay(self) -> None:
         if self._status.folder is not None:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.live.session_library import LiveSessionLibrary
     from caris_desktop.ui.export_dialog import ExportDialog
-    from caris_desktop.ui.face_window import FaceEditor, FaceWindow
-    from caris_desktop.ui.gamepad_dialog import GamepadDialog
-    from caris_desktop.ui.robot_dialog import RobotDialog
+    from caris_desktop.ui.face_window import FaceWindow
     from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
     from caris_desktop.ui.scenario_editor.saving import Opened
     from caris_desktop.ui.sessions_window import SessionsWindow
@@ -85,7 +83,6 @@ class RobotChooser(_Windows):
         super().__init__(theme, console, window)
         self._question = question
         self._explorer: LiveRobotExplorer | None = None
-        self._dialog: RobotDialog | None = None
         self.choices = Remembered(console, self._read, self)
 
     def _read(self) -> Sequence[RobotChoice]:
@@ -102,7 +99,10 @@ class RobotChooser(_Windows):
 
     def choose(self, choice: RobotChoice) -> None:
         """Connect another robot, after confirmation if that ends something."""
-        ends = self._what_ends()
+        lost = motion_that_ends(self._console.state)
+        if self._console.state.recording.value.state in ("recording", "starting"):
+            lost.append(tr("The recording continues with the other robot."))
+        ends = " ".join(lost)
         if not ends:
             self._use(choice)
             return
@@ -139,31 +139,21 @@ class RobotChooser(_Windows):
             return
         from caris_desktop.ui.robot_dialog import RobotDialog
 
-        if self._dialog is None:
+        dialog = self._window.findChild(RobotDialog)
+        if dialog is None:
             link: LinkStatus = self._console.state.link.value
-            self._dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
-            self._dialog.saved.connect(self._on_saved)
-            self._dialog.finished.connect(self._on_dialog_finished)
-        raise_window(self._dialog)
+            dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
+            dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+            dialog.saved.connect(self._on_saved)
+        raise_window(dialog)
 
     def _on_saved(self, choice: RobotChoice) -> None:
         self.choices.renew()  # an open list gets the new profile
         self.choose(choice)
 
-    def _on_dialog_finished(self, _result: int) -> None:
-        if self._dialog is not None:
-            self._dialog.deleteLater()
-        self._dialog = None
-
     def _use(self, choice: RobotChoice) -> None:
         # Opening a refused profile has reported the reason.
         self._console.do(intents.UseRobot(choice.name))
-
-    def _what_ends(self) -> str:
-        ends = motion_that_ends(self._console.state)
-        if self._console.state.recording.value.state in ("recording", "starting"):
-            ends.append(tr("The recording continues with the other robot."))
-        return " ".join(ends)
 
     def _is_current(self, choice: RobotChoice) -> bool:
         robot = self._console.state.robot.value
@@ -333,7 +323,6 @@ class GamepadWindow(_Windows):
         super().__init__(theme, console, window)
         self._hold = hold
         self._gamepads: Gamepads | None = None
-        self._dialog: GamepadDialog | None = None
 
     @property
     def offered(self) -> bool:
@@ -351,9 +340,10 @@ class GamepadWindow(_Windows):
             return
         from caris_desktop.ui.gamepad_dialog import GamepadDialog
 
-        dialog = self._dialog or GamepadDialog(self._theme, self._console.state, self._gamepads, self._window)
-        self._dialog = dialog
-        raise_window(dialog)
+        raise_window(
+            self._window.findChild(GamepadDialog)
+            or GamepadDialog(self._theme, self._console.state, self._gamepads, self._window)
+        )
 
 
 class FaceWindows(_Windows):
@@ -362,7 +352,6 @@ class FaceWindows(_Windows):
     def __init__(self, theme: Theme, console: WizardConsole, window: QWidget) -> None:
         super().__init__(theme, console, window)
         self._face: FaceWindow | None = None
-        self._editor: FaceEditor | None = None
         console.state.face.changed.connect(self._on_face)
 
     def open(self, name: str) -> None:
@@ -374,21 +363,17 @@ class FaceWindows(_Windows):
         """Open the face editor."""
         from caris_desktop.ui.face_window import FaceEditor
 
-        if self._editor is None:
-            self._editor = FaceEditor(self._theme, self._console, self._window)
-            self._editor.finished.connect(self._on_edited)
-        raise_window(self._editor)
+        editor = self._window.findChild(FaceEditor)
+        if editor is None:
+            editor = FaceEditor(self._theme, self._console, self._window)
+            editor.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        raise_window(editor)
 
     def close(self) -> None:
-        for window in (self._face, self._editor):
+        for window in (self._face, self._window.findChild(QWidget, "face_editor")):
             if window is not None:
                 window.close()
         self._face = None
-
-    def _on_edited(self, _result: int) -> None:
-        if self._editor is not None:
-            self._editor.deleteLater()
-            self._editor = None
 
     def _on_face(self, status: FaceStatus) -> None:
         if not self._console.state.present.live or status.window == (self._face is not None):
@@ -420,22 +405,21 @@ class ScenarioEditorWindow(_Windows):
         from caris_desktop.ui.scenario_editor.saving import opened_as_form
 
         if self.editor is not None:
-            self._show_again(self.editor)
+            scenario = self._console.scenario
+            if self.editor.document.path == own_file(scenario.path) or self.editor.document.path == scenario.path:
+                bring_up(self.editor)
+            elif self.editor.unsaved:
+                bring_up(self.editor)
+                message = tr(
+                    "The editor shows a different scenario than “{open}”, and your changes in it are not saved."
+                )
+                self.editor.ask_before_closing(message.format(open=scenario.title), self.open)
+            else:
+                self.editor.close()
+                self.open()
         elif not self._opening:
             self._opening = True
             read_for(self, self._console, partial(opened_as_form, self._console.scenario), self._show, self._on_failed)
-
-    def _show_again(self, editor: "ScenarioEditor") -> None:
-        scenario = self._console.scenario
-        if editor.document.path == own_file(scenario.path) or editor.document.path == scenario.path:
-            bring_up(editor)
-        elif editor.unsaved:
-            bring_up(editor)
-            message = tr("The editor shows a different scenario than “{open}”, and your changes in it are not saved.")
-            editor.ask_before_closing(message.format(open=scenario.title), self.open)
-        else:
-            editor.close()
-            self.open()
 
     def _show(self, found: "tuple[Opened, str]") -> None:
         from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor

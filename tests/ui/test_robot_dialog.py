@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import shiboken6
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
@@ -83,7 +84,7 @@ def dialog(qtbot: QtBot, window: MainWindow, console: FakeConsole, explorer: Mem
     assert isinstance(found, RobotDialog)
     qtbot.waitUntil(found.isVisible)
     yield found
-    if window.robots._dialog is not None:
+    if shiboken6.isValid(found):
         found.close()
 
 

@@ -163,20 +163,13 @@ _AT_ONCE = 150
 """Rows measured per event loop turn: a few milliseconds."""
 
 
-class RowButton(Value):
-    """Button of a turn."""
-
-    act: RowAct
-    icon: str
-    tip: str
-
-
-BUTTONS = (
-    RowButton("text", "pencil-simple", QT_TR_NOOP("Correct the text (Enter)")),
-    RowButton("who", "user-focus", QT_TR_NOOP("Correct the speaker (S)")),
-    RowButton("tags", "tag", QT_TR_NOOP("Tags (T)")),
-    RowButton("mark", "bookmark-simple", QT_TR_NOOP("Mark this moment (M)")),
-)
+BUTTONS: dict[RowAct, tuple[str, str]] = {
+    "text": ("pencil-simple", QT_TR_NOOP("Correct the text (Enter)")),
+    "who": ("user-focus", QT_TR_NOOP("Correct the speaker (S)")),
+    "tags": ("tag", QT_TR_NOOP("Tags (T)")),
+    "mark": ("bookmark-simple", QT_TR_NOOP("Mark this moment (M)")),
+}
+"""Icons and tooltips of a turn's buttons, in order."""
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _STEPS = (Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown, Qt.Key.Key_Home, Qt.Key.Key_End)
 _OF_HEARD_ONLY = ("text", "who")
@@ -239,7 +232,16 @@ class RowPainter(RowDelegate):
             painter.drawRoundedRect(ground, 6, 6)
         words = words_rect(rect)
         head = QRect(words.left(), rect.top() + _ABOVE_PX, words.width() - highlight.buttons_px, _HEAD_PX - 1)
-        self._paint_head(painter, head, row)
+        # Paint time, speaker, remarks and tags.
+        small = self._theme.font(tokens.STATUS_PX)
+        pieces = [(row.time, "dim"), (row.who, {"robot": "blue", "": "amber"}.get(row.speaker, "dim"))]
+        if row.heard_text is not None:
+            pieces.append((" ".join(("·", tr("corrected"))), "dim"))
+        if row.cut_short:
+            pieces.append((" ".join(("·", tr("cut short"))), "amber"))
+        for text, ink in pieces:
+            head.setLeft(head.left() + self.paint_text(painter, head, text, small, ink) + 6)
+        self.paint_tags(painter, head, row.tags)
         if highlight.words_hidden:
             return
         layout = self._lay_out(row, words.width())
@@ -259,18 +261,6 @@ class RowPainter(RowDelegate):
             height += line.height()
         layout.endLayout()
         return layout
-
-    def _paint_head(self, painter: QPainter, rect: QRect, row: TranscriptRow) -> None:
-        """Paint time, speaker, remarks and tags."""
-        small = self._theme.font(tokens.STATUS_PX)
-        pieces = [(row.time, "dim"), (row.who, {"robot": "blue", "": "amber"}.get(row.speaker, "dim"))]
-        if row.heard_text is not None:
-            pieces.append((" ".join(("·", tr("corrected"))), "dim"))
-        if row.cut_short:
-            pieces.append((" ".join(("·", tr("cut short"))), "amber"))
-        for text, ink in pieces:
-            rect.setLeft(rect.left() + self.paint_text(painter, rect, text, small, ink) + 6)
-        self.paint_tags(painter, rect, row.tags)
 
     def _formats(self, row: TranscriptRow, text: str, found: tuple[str, ...]) -> list[QTextLayout.FormatRange]:
         formats = []
@@ -307,22 +297,22 @@ class TurnButtons(QWidget):
         super().__init__(view.viewport())
         self._utterance_id = ""
         self.buttons: dict[RowAct, ActionButton] = {}
-        for each in BUTTONS:
-            button = self.buttons[each.act] = ActionButton(theme, icon=each.icon, role="ghost", height_px=_BUTTON_PX)
-            button.setObjectName(f"turn_{each.act}")
+        for act, (icon, tip) in BUTTONS.items():
+            button = self.buttons[act] = ActionButton(
+                theme, icon=icon, role="ghost", height_px=_BUTTON_PX, objectName=f"turn_{act}", toolTip=tr(tip),
+                clicked=lambda _checked=False, act=act: view.act(act, self._utterance_id),
+            )  # fmt: skip
             button.setFixedWidth(_BUTTON_PX)
-            button.setToolTip(tr(each.tip))
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            button.clicked.connect(lambda _checked=False, act=each.act: view.act(act, self._utterance_id))
         layouts.hbox(self, *self.buttons.values(), margins_px=0, spacing_px=0)
         self.hide()
 
     def show_turn(self, row: TranscriptRow, acts: Sequence[RowAct], head: QPoint) -> None:
         """Show those of ``acts``, with their upper right corner at ``head``."""
         self._utterance_id = row.utterance_id
-        for each in BUTTONS:
-            self.buttons[each.act].setVisible(each.act in acts)
-            self.buttons[each.act].setAccessibleName(f"{tr(each.tip)}: {row.words}")
+        for act, button in self.buttons.items():
+            button.setVisible(act in acts)
+            button.setAccessibleName(f"{tr(BUTTONS[act][1])}: {row.words}")
         width = _BUTTON_PX * len(acts)
         self.setGeometry(head.x() - width, head.y(), width, _BUTTON_PX)
         self.setVisible(bool(acts))
@@ -616,7 +606,7 @@ class TranscriptView(QListView):
         row = self._items.row_of(utterance_id) if shown else None
         if row is None:
             return ()
-        return tuple(each.act for each in BUTTONS if self.rows[row].changeable or each.act not in _OF_HEARD_ONLY)
+        return tuple(act for act in BUTTONS if self.rows[row].changeable or act not in _OF_HEARD_ONLY)
 
     def act(self, act: RowAct, utterance_id: str) -> None:
         row = self._items.row_of(utterance_id)

@@ -151,7 +151,8 @@ class DriveInputFilter(QObject):
         self._owned: dict[int, Hold | None] = {}
         self._pressed_in: dict[int, QWidget | None] = {}
         """By key: the widget that had the focus at its press."""
-        self._key_owner: KeyOwner = "elsewhere"
+        self.key_owner: KeyOwner = "elsewhere"
+        """Recipient of a key that is pressed now."""
         self._last_escape = _NEVER
         self._keys = PhysicalKeys()
         self._keyboard_grab = KeyboardGrab(self._keys.focused_window, self)
@@ -211,11 +212,6 @@ class DriveInputFilter(QObject):
             for identity, hold in self._owned.items()
         )
         return keys or self.motion.must_rest
-
-    @property
-    def key_owner(self) -> KeyOwner:
-        """Recipient of a key that is pressed now."""
-        return self._key_owner
 
     def set_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """Set the panels in which the bare keys drive."""
@@ -893,8 +889,8 @@ class DriveInputFilter(QObject):
 
     def _update_key_owner(self) -> None:
         owner = self._owner_now()
-        if owner != self._key_owner:
-            self._key_owner = owner
+        if owner != self.key_owner:
+            self.key_owner = owner
             self.key_owner_changed.emit(owner)
 
     def _owner_now(self) -> KeyOwner:

@@ -17,6 +17,7 @@ from caris_desktop.ui import text_formatting
 from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.map.map_view import MapView
 from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import ChoiceCard, NameCard
 
 _TOLD_SHOWN_S = 8.0
@@ -73,9 +74,8 @@ class MapTools(QObject):
         self._naming: tuple[str, Pose2D | None] = ("", None)
         self._before: Place | None = None  # a place before it was moved or removed
         self._card = ChoiceCard(self._theme, view, name="map_card")
-        self._card.closed.connect(self._on_card_closed)
-        self._place_menu = QMenu(view)
-        self._place_menu.setObjectName("map_place_menu")
+        self._card.closed.connect(lambda: self._view.update_state(mark=None))
+        self._place_menu = named(QMenu(view), "map_place_menu")
         self._undo = ChoiceCard(self._theme, view, name="map_undo")
         self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
         self._undo_ends.timeout.connect(self._undo.hide)
@@ -178,23 +178,14 @@ class MapTools(QObject):
         if not refusal:
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
-                choices.append(
-                    (
-                        "map_go_here",
-                        tr("Go here"),
-                        "navigation-arrow",
-                        partial(self._console.do, intents.GoToPoint(target)),
-                    )
-                )
+                go = partial(self._console.do, intents.GoToPoint(target))
+                choices.append(("map_go_here", tr("Go here"), "navigation-arrow", go))
                 choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.use("goal", at=at)))
             choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.use("place", at=at)))
             if self._can_set_pose():
                 choices.append(("map_robot_here", tr("Robot is here"), "map-pin", lambda: self.use("pose", at=at)))
         self._card.offer(where, line, choices, per_row=2 if self.can_navigate() else 1)
         self._view.update_state(mark=at)
-
-    def _on_card_closed(self) -> None:
-        self._view.update_state(mark=None)
 
     def _on_aimed(self, tool: str, pose: Pose2D, headed: bool) -> None:
         moving, self._moving = self._moving, None
@@ -252,14 +243,10 @@ class MapTools(QObject):
 
     def ask_map_name(self, operation: str) -> None:
         self._naming = (operation, None)
-        saving = operation == "save_map"
-        line = (
-            tr("Under which name should the robot's map be saved?")
-            if saving
-            else tr("Which saved map of the robot should be loaded?")
-        )
-        middle = QPointF(self._view.width() / 2, self._view.height() / 3)
-        self._name.ask(middle, line, verb=tr("Save") if saving else tr("Load"))
+        line, verb = tr("Which saved map of the robot should be loaded?"), tr("Load")
+        if operation == "save_map":
+            line, verb = tr("Under which name should the robot's map be saved?"), tr("Save")
+        self._name.ask(QPointF(self._view.width() / 2, self._view.height() / 3), line, verb=verb)
 
     def _on_named(self, name: str) -> None:
         purpose, pose = self._naming

@@ -151,14 +151,6 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         self.map_state.trail.clear()
         self._touch()
 
-    @property
-    def chips(self) -> list[tuple[str, str]]:
-        return self.map_state.chips
-
-    @property
-    def hint(self) -> str:
-        return self.map_state.hint
-
     def _touch(self, after_ms: int = REPAINT_MS) -> None:
         """Refresh the items after a change: once for all changes of this time."""
         self._dirty = True

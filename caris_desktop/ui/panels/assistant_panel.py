@@ -22,7 +22,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.intents import CAMERA_PICTURE, Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.focus_widget import focused_widget
@@ -32,7 +32,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitTextEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named, restyle
 from caris_desktop.ui.widgets.rows import show_rows
 
 _MOST_TYPED = 32_000
@@ -43,6 +43,7 @@ _HINT_SIDES_PX = 10
 _ADD = "add"
 """Entry of the list of models that is none."""
 _NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
+_STEPS: dict[int, int] = {Qt.Key.Key_Up: -1, Qt.Key.Key_Down: 1}
 
 
 class AssistantPanel(Panel):
@@ -61,10 +62,8 @@ class AssistantPanel(Panel):
         self._too_long = 0
         self._offered: list[ActionButton] = []
         # A pasted text is not truncated: excess length is reported instead.
-        self.field = _QuestionField(maxLength=_MOST_TYPED)
+        self.field = named(_QuestionField(maxLength=_MOST_TYPED), "assistant_field", tr("Question to the assistant"))
         self.field.stepped.connect(self._step)
-        self.field.setObjectName("assistant_field")
-        self.field.setAccessibleName(tr("Question to the assistant"))
         self.field.hints = (tr("Ask the assistant…"), tr("Ask…"))
         self.field.setMinimumHeight(40)
         self.field.returnPressed.connect(self._on_ask)
@@ -84,14 +83,13 @@ class AssistantPanel(Panel):
         self.setup_button.toggled.connect(lambda _on: self._show_parts())
         self._rows = ExchangeRows(self.theme)
         self._rows.chosen.connect(self._choose)
+        self._rows.stepped.connect(self._step)
         self._rows.say_requested.connect(self._on_say_row)
         self._rows.edit_requested.connect(self._on_edit_row)
         self._rows.away_requested.connect(self._on_away)
         self._question = label("", "note", wraps=True, objectName="assistant_question")
-        self._answer = _AnswerField()
+        self._answer = named(_AnswerField(), "assistant_answer", tr("The assistant's answer"))
         self._answer.entered.connect(self._on_say)
-        self._answer.setObjectName("assistant_answer")
-        self._answer.setAccessibleName(tr("The assistant's answer"))
         self._answer.setReadOnly(True)
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
@@ -113,7 +111,7 @@ class AssistantPanel(Panel):
         self.watch(self._on_setup_changed, self.state.assistant_setup.changed)
         app = QApplication.instance()
         if isinstance(app, QApplication):
-            self.watch(self._on_focus_changed, app.focusChanged)
+            self.watch(self._show_parts, app.focusChanged)
         self.update_view()
 
     def _arrange(self) -> None:
@@ -179,9 +177,6 @@ class AssistantPanel(Panel):
             self._on_assistant_changed(self.state.assistant.value)
         self._show_parts()
 
-    def _on_focus_changed(self, _before: QWidget | None, _now: QWidget | None) -> None:
-        self._show_parts()
-
     def _on_template(self, text: str) -> None:
         last_utterance = next(
             (turn.text for turn in reversed(self.state.transcript.value) if turn.speaker == "participant"), ""
@@ -222,10 +217,6 @@ class AssistantPanel(Panel):
         lines = min(len(self.state.assistant.value.exchanges), 3 if roomy else 2)
         self._rows.setMaximumHeight(lines * (EXCHANGE_ROW_PX + 2) + 2)
         self._question.setVisible(bool(self._question.text()) and height >= 196 and read and not several)
-
-    @property
-    def _speaks(self) -> bool:
-        return bool(self.console.scenario.permissions.speech)
 
     @property
     def _live(self) -> bool:
@@ -327,13 +318,20 @@ class AssistantPanel(Panel):
         if exchange.exchange_id != self._exchange.exchange_id:
             self._stop_editing()
         if not self._editing and self._answer.toPlainText() != exchange.answer:
-            self._show_answer(exchange.answer)
+            previous = self._answer.toPlainText()
+            if exchange.answer.startswith(previous) and previous:
+                cursor = self._answer.textCursor()
+                cursor.movePosition(cursor.MoveOperation.End)
+                cursor.insertText(exchange.answer[len(previous) :])
+            else:
+                self._answer.setPlainText(exchange.answer)
+            bar = self._answer.verticalScrollBar()
+            bar.setValue(bar.maximum())
         if self._exchange.is_pending and not exchange.is_pending:
             # Scroll a completed answer to its beginning.
             self._answer.verticalScrollBar().setValue(0)
         self._exchange = exchange
-        live = self._live
-        speaks = self._speaks
+        live, speaks = self._live, bool(self.console.scenario.permissions.speech)
         self._rows.show_rows(exchanges, exchange.exchange_id, live=live, speaks=speaks)
         has_answer = bool(exchange.answer.strip()) and not exchange.is_pending
         question = text_formatting.shortened(exchange.question, 140)
@@ -380,17 +378,6 @@ class AssistantPanel(Panel):
                 self.set_fact(tr("no answer"), "amber")
             case _:
                 self.set_fact(tr("off"))
-
-    def _show_answer(self, answer: str) -> None:
-        previous = self._answer.toPlainText()
-        if answer.startswith(previous) and previous:
-            cursor = self._answer.textCursor()
-            cursor.movePosition(cursor.MoveOperation.End)
-            cursor.insertText(answer[len(previous) :])
-        else:
-            self._answer.setPlainText(answer)
-        bar = self._answer.verticalScrollBar()
-        bar.setValue(bar.maximum())
 
     def _show_note(self, status: AssistantStatus, exchange: ExchangeStatus) -> None:
         role = "dim"
@@ -444,12 +431,11 @@ class _QuestionField(QLineEdit):
         self.setPlaceholderText(next((hint for hint in self.hints if wide(hint) <= room_px), self.hints[-1]))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        step = {Qt.Key.Key_Up: -1, Qt.Key.Key_Down: 1}.get(Qt.Key(event.key()))
-        if step is None or event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
-            super().keyPressEvent(event)
-        else:
-            self.stepped.emit(step)
+        if event.key() in _STEPS and not event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
+            self.stepped.emit(_STEPS[event.key()])
             event.accept()
+        else:
+            super().keyPressEvent(event)
 
 
 class _AnswerField(SubmitTextEdit):
@@ -479,6 +465,7 @@ class ExchangeRows(QScrollArea):
     accessible_role = QAccessible.Role.List
 
     chosen = Signal(str)
+    stepped = Signal(int)
     say_requested = Signal(str)
     edit_requested = Signal(str)
     away_requested = Signal(str)
@@ -488,8 +475,7 @@ class ExchangeRows(QScrollArea):
         self._theme = theme
         self._rows: dict[str, _Row] = {}
         self._current = ""
-        self.setObjectName("assistant_rows")
-        self.setAccessibleName(tr("Questions to the assistant"))
+        named(self, "assistant_rows", tr("Questions to the assistant"))
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -522,13 +508,9 @@ class ExchangeRows(QScrollArea):
         return row
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        order = list(self._rows)
-        step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
-        if step is not None and self._current in order:
-            at = order.index(self._current) + step
-            if 0 <= at < len(order):
-                self.chosen.emit(order[at])
-                self.ensureWidgetVisible(self._rows[order[at]])
+        if event.key() in _STEPS and self._current in self._rows:
+            self.stepped.emit(_STEPS[event.key()])
+            self.ensureWidgetVisible(self._rows[self._current])
         elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.isAutoRepeat():
             edited = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
             (self.edit_requested if edited else self.say_requested).emit(self._current)
@@ -558,11 +540,8 @@ class _Row(QFrame):
         layouts.hbox(self, self._state, (self._question, 1), self.say, self.away, margins_px=(7, 0, 1, 0), spacing_px=6)
 
     def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
-        words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
-        role = {"answered": "green", "failed": "amber"}.get(exchange.state, "dim")
-        if exchange.is_pending:
-            role = "blue"
-        self._state.setText(words)
+        role = {"answered": "green", "failed": "amber"}.get(exchange.state, "blue" if exchange.is_pending else "dim")
+        self._state.setText(tr(_USED.get(exchange.use) or _WORDS[exchange.state]))
         restyle(self._state, tone="dim" if exchange.use else role)
         self._question.setText(exchange.question)
         restyle(self._question, tone="text" if current else "dim")
@@ -624,7 +603,10 @@ class SetupBar(FlowRow):
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
         self._setup = setup
-        models = [(_model_words(choice), choice.model) for choice in setup.models]
+        models = [
+            (each.title if each.title.endswith(each.where) else f"{each.title} · {each.where}", each.model)
+            for each in setup.models
+        ]
         self.model.fill([*models, (tr("Add a model file…"), _ADD)], setup.model)
         self.model.setVisible(bool(models))  # none are known before the models were looked for
         pictures = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
@@ -657,10 +639,6 @@ class SetupBar(FlowRow):
             take(value)
 
 
-def _model_words(choice: ModelChoice) -> str:
-    return choice.title if choice.title.endswith(choice.where) else f"{choice.title} · {choice.where}"
-
-
 _Kind = Literal["system_prompt", "notes", "role", "style"]
 _BUTTON_PX = 30
 
@@ -678,11 +656,8 @@ class SystemPromptPage(QWidget):
         self._do = do
         self._texts: dict[tuple[_Kind, str], str] = {}
         self._selected: tuple[_Kind, str] = ("system_prompt", "")
-        self.which = DropDown(theme, "assistant_which_words", tr("Prompt text"))
-        self.which.activated.connect(self._on_which)
-        self.field = QPlainTextEdit(tabChangesFocus=True)
-        self.field.setObjectName("assistant_words_field")
-        self.field.setAccessibleName(tr("Prompt for the model"))
+        self.which = DropDown(theme, "assistant_which_words", tr("Prompt text"), activated=self._on_which)
+        self.field = named(QPlainTextEdit(tabChangesFocus=True), "assistant_words_field", tr("Prompt for the model"))
         self.field.textChanged.connect(self._show_buttons)
         button = partial(ActionButton, theme, height_px=_BUTTON_PX)
         self.save = button(tr("Apply"), icon="check", role="primary", objectName="assistant_words_save")

@@ -27,7 +27,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width, label, named, restyle
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail, image_of
 
 _ROW_PX, _LOW_ROW_PX = 40, 28
@@ -48,8 +48,7 @@ class SuggestionCards(QWidget):
         self._context = context
         self._state = context.console.state
         self.cards = [_Card(context, rank) for rank in range(1, MOST_REPLIES + 1)]
-        self._from = ElidedLabel(role="small")
-        self._from.setObjectName("suggestions_from")
+        self._from = ElidedLabel(role="small", objectName="suggestions_from")
         self._dismiss = ActionButton(
             context.theme, tr("Dismiss all"), role="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
@@ -475,10 +474,8 @@ class _SearchLine(QWidget):
     def __init__(self, panel: ConversationPanel) -> None:
         super().__init__()
         self._panel = panel
-        self.field = _SearchField(panel)
-        self.field.setObjectName("transcript_search")
+        self.field = named(_SearchField(panel), "transcript_search", tr("Search the transcript"))
         self.field.setPlaceholderText(tr("Search the transcript"))
-        self.field.setAccessibleName(tr("Search the transcript"))
         self.field.textChanged.connect(panel.search)
         self._found = label("", "note", objectName="transcript_found")
         close = ActionButton(panel.theme, "", icon="x", height_px=30, accessibleName=tr("Close the search"))

@@ -29,7 +29,7 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.widgets.rows import Index
 
 _ROOM_FOR_TOTALS_PX = 230
@@ -322,9 +322,7 @@ class DiagnosticsPanel(Panel):
         self._sorted = QSortFilterProxyModel(self)
         self._sorted.setSourceModel(self.model)
         self._sorted.setSortRole(_SORT_ROLE)
-        self.view = QTableView()
-        self.view.setObjectName("diagnostics_table")
-        self.view.setAccessibleName(tr("Topics of the robot"))
+        self.view = named(QTableView(), "diagnostics_table", tr("Topics of the robot"))
         self.view.setModel(self._sorted)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)

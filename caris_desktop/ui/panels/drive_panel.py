@@ -35,7 +35,7 @@ from caris_desktop.ui.status_bar import owner_sentence
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, restyle
+from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, named, restyle
 
 StickUse = Literal["base", "head"]
 
@@ -145,7 +145,22 @@ class Joystick(QWidget):
 
     def event(self, event: QEvent) -> bool:
         if isinstance(event, QTouchEvent):
-            return self._on_touch(event)
+            if event.type() == QEvent.Type.TouchCancel:
+                self.let_go()
+                return True
+            for point in event.points():
+                if event.type() == QEvent.Type.TouchBegin and not self.held:
+                    self._touch = point.id()
+                    self._begin(point.position(), shift=False)
+                elif point.id() == self._touch and self.held:
+                    if point.state() == point.State.Released:
+                        self.let_go()
+                    elif point.state() != point.State.Stationary:
+                        self._move(point.position())
+            if event.type() == QEvent.Type.TouchEnd and self.held:
+                self.let_go()
+            event.accept()
+            return True
         if event.type() == QEvent.Type.UngrabMouse and self.held and self._touch is None:
             self.let_go()
         return bool(super().event(event))
@@ -161,24 +176,6 @@ class Joystick(QWidget):
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and self._touch is None:
             self.let_go()
-
-    def _on_touch(self, event: QTouchEvent) -> bool:
-        if event.type() == QEvent.Type.TouchCancel:
-            self.let_go()
-            return True
-        for point in event.points():
-            if event.type() == QEvent.Type.TouchBegin and not self.held:
-                self._touch = point.id()
-                self._begin(point.position(), shift=False)
-            elif point.id() == self._touch and self.held:
-                if point.state() == point.State.Released:
-                    self.let_go()
-                elif point.state() != point.State.Stationary:
-                    self._move(point.position())
-        if event.type() == QEvent.Type.TouchEnd and self.held:
-            self.let_go()
-        event.accept()
-        return True
 
     def _begin(self, at: QPointF, *, shift: bool) -> None:
         self.held = True
@@ -293,13 +290,10 @@ class DrivePanel(Panel):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._line = label("", "drive", wraps=True, objectName="drive_line")
         self._reason = label("", "small", wraps=True, objectName="drive_reason")
-        self._pad = DrivePad(self.theme, self.table, self.hold)
-        self._pad.setObjectName("drive_pad")
-        self._stick = Joystick(self.theme, use="base")
-        self._stick.setObjectName("drive_stick")
+        self._pad = named(DrivePad(self.theme, self.table, self.hold), "drive_pad")
+        self._stick = named(Joystick(self.theme, use="base"), "drive_stick")
         self._stick.moved.connect(partial(self.hold.motion.push_onscreen, "base"))
-        self._head = HeadControl(self.theme, self.table)
-        self._head.setObjectName("head_control")
+        self._head = named(HeadControl(self.theme, self.table), "head_control")
         self._head.stick.moved.connect(partial(self.hold.motion.push_onscreen, "head"))
         self._stop = ActionButton(self.theme, tr("Stop"), height_px=30, objectName="stop_button")
         self._stop.setProperty(STOPS, True)
@@ -307,12 +301,11 @@ class DrivePanel(Panel):
         self._stop.set_key(self.table.key_text("stop"))
         self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30, objectName="drive_other_view")
         self._other.clicked.connect(self._on_other_view)
-        self._speed = SpeedSteps(self.table)
-        self._speed.setObjectName("speed_steps")
-        self._speed.chosen.connect(self._on_speed_chosen)
+        self._speed = named(SpeedSteps(self.table), "speed_steps")
+        self._speed.chosen.connect(lambda fraction: self.console.do(intents.SetSpeed(fraction)))
         self._guard = HoldButton(self.theme, tr("Guard"), icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
         self._guard.setObjectName("guard_button")
-        self._guard.held.connect(self._on_guard_held)
+        self._guard.held.connect(lambda: self.console.do(intents.SetGuard(on=False)))
         self._guard.let_go.connect(self._on_guard_let_go)
         self._guard.clicked.connect(self._on_guard_clicked)
         self.hold.escape_pressed.connect(self._guard.give_up)
@@ -409,16 +402,10 @@ class DrivePanel(Panel):
     def _on_head_changed(self, head: HeadStatus) -> None:
         self._head.show_angles(head.pan_rad, head.tilt_rad)
 
-    def _on_speed_chosen(self, fraction: float) -> None:
-        self.console.do(intents.SetSpeed(fraction))
-
     def _on_guard_clicked(self) -> None:
         # One click switches it on; switching it off needs a long press.
         if self.state.drive.value.guard == "overridden":
             self.console.do(intents.SetGuard(on=True))
-
-    def _on_guard_held(self) -> None:
-        self.console.do(intents.SetGuard(on=False))
 
     def _on_guard_let_go(self) -> None:
         self._guard_hint.start()
@@ -525,14 +512,12 @@ class SpeedSteps(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setToolTip(tr("Top speed"))
         self._slower, self._faster = KeyCap(), KeyCap()
-        frame = QFrame(self)
-        frame.setObjectName("speed_frame")
+        frame = named(QFrame(self), "speed_frame")
         steps = layouts.hbox(frame, margins_px=0, spacing_px=0)
         self._steps: list[QPushButton] = []
         for name, fraction in zip(SPEED_NAMES, SPEED_FRACTIONS, strict=True):
-            step = QPushButton(tr(name))
+            step = named(QPushButton(tr(name)), "speed_step")
             step.setCheckable(True)
-            step.setObjectName("speed_step")
             step.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             step.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Expanding)
             step.clicked.connect(partial(self._on_clicked, fraction))
@@ -582,8 +567,7 @@ class HeadControl(QWidget):
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
-        self.stick = Joystick(theme, use="head")
-        self.stick.setObjectName("head_stick")
+        self.stick = named(Joystick(theme, use="head"), "head_stick")
         self._angles = label("", "small", objectName="head_angles", alignment=Qt.AlignmentFlag.AlignCenter)
         ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX, objectName="look_ahead_button")
         ahead.setMinimumWidth(128)  # includes its longest key cap
@@ -613,8 +597,7 @@ class DrivePad(QWidget):
         grid.setSpacing(6)
         self.arrows: dict[str, HoldArrow] = {}
         for action_id, row, column in _CELLS:
-            arrow = HoldArrow(theme, actions, hold, action_id)
-            arrow.setObjectName(f"hold_{action_id}")
+            arrow = named(HoldArrow(theme, actions, hold, action_id), f"hold_{action_id}")
             self.arrows[action_id] = arrow
             grid.addWidget(arrow, row, column)
         for column in range(3):

@@ -30,6 +30,7 @@ from caris_desktop.ui.widgets.accessible_descriptions import (
 )
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.labels import named
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
@@ -72,13 +73,22 @@ class MapPanel(Panel):
         from caris_desktop.ui.map.map_tools import MapTools
         from caris_desktop.ui.map.map_view import MapView
 
-        self.view = MapView(self.theme, self, self.state.places.value)
-        self.view.setObjectName("map_view")
+        self.view = named(MapView(self.theme, self, self.state.places.value), "map_view")
         self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.tools = MapTools(self, self.view)
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
-        self._make_buttons()
+        self._go_menu = named(QMenu(self), "map_go_menu")
+        button = partial(ActionButton, self.theme, height_px=30, may_lose_words=True)
+        self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
+        self._go.setToolTip(tr("Send the robot to a place"))
+        self._go.clicked.connect(self._open_go_menu)
+        self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
+        self._legend: list[QLabel] = []
+        self._menu = named(QMenu(self), "map_menu")
+        self._more = button(icon="dots-three-vertical", objectName="map_menu_button", toolTip=tr("Map tools and view"))
+        self._more.clicked.connect(self._open_menu)
         self._below = FlowRow()
         layouts.vbox(self, (self.view, 1), self._below, margins_px=(8, 6, 8, 8), spacing_px=6)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
@@ -157,21 +167,6 @@ class MapPanel(Panel):
         at = QPoint(8, self.view.height() - size.height() - 8)
         self._confirm.setGeometry(QRect(at, size))
 
-    def _make_buttons(self) -> None:
-        self._go_menu = QMenu(self)
-        self._go_menu.setObjectName("map_go_menu")
-        button = partial(ActionButton, self.theme, height_px=30, may_lose_words=True)
-        self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
-        self._go.setToolTip(tr("Send the robot to a place"))
-        self._go.clicked.connect(self._open_go_menu)
-        self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
-        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._legend: list[QLabel] = []
-        self._menu = QMenu(self)
-        self._menu.setObjectName("map_menu")
-        self._more = button(icon="dots-three-vertical", objectName="map_menu_button", toolTip=tr("Map tools and view"))
-        self._more.clicked.connect(self._open_menu)
-
     def title_widgets(self) -> list[QWidget]:
         return [self._go, self._cancel, self._more]
 
@@ -190,8 +185,7 @@ class MapPanel(Panel):
                 f"{html.escape(word)}</span>"
             )
         while len(self._legend) < len(texts):
-            label = QLabel(self._below, textFormat=Qt.TextFormat.RichText)
-            label.setObjectName("map_legend")
+            label = named(QLabel(self._below, textFormat=Qt.TextFormat.RichText), "map_legend")
             self._legend.append(label)
             self._below.add(label)
         for number, label in enumerate(self._legend):

@@ -32,7 +32,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
@@ -65,15 +65,12 @@ class NotesPanel(Panel):
         self._changing = ""  # the note being edited
         self._undo_with: list[intents.Intent] = []
         self.model = KeyedItems[FinalMark](self, attrgetter("mark_id"), self._fill)
-        self.view = NotesView(self.theme, self.model)
-        self.view.setObjectName("notes_list")
-        self.view.setAccessibleName(tr("Notes"))
+        self.view = named(NotesView(self.theme, self.model), "notes_list", tr("Notes"))
         self.view.clicked.connect(self._on_clicked)
         self.view.activated.connect(self._on_activated)
         self.view.removal_requested.connect(self.remove_current)
         self.view.undo_requested.connect(self.undo)
-        self._of_study = QPlainTextEdit(readOnly=True, tabChangesFocus=True)
-        self._of_study.setObjectName("notes_of_study")
+        self._of_study = named(QPlainTextEdit(readOnly=True, tabChangesFocus=True), "notes_of_study")
         self._of_study.setAccessibleName(tr("Notes from the scenario"))
         self._of_study.setFrameShape(QFrame.Shape.NoFrame)
         self._unfolded: bool | None = None  # None: automatic, shown if there is room and no note
@@ -86,9 +83,8 @@ class NotesPanel(Panel):
         self._remove = self._small_button("notes_remove", tr("Remove"), "trash", self.remove_current)
         self._undo = self._small_button("notes_undo", tr("Undo"), "arrow-u-up-left", self.undo)
         self._acts = FlowRow(self._change, self._remove, self._undo, gap_px=6)
-        self.field = SubmitLineEdit(objectName="notes_field", maxLength=_LONGEST)
+        self.field = SubmitLineEdit(objectName="notes_field", maxLength=_LONGEST, textEdited=self._on_edited)
         self.field.setFixedHeight(tokens.CONTROL_HEIGHT_PX)
-        self.field.textEdited.connect(self._on_edited)
         self.field.returnPressed.connect(self._on_entered)
         self.hold.escape_pressed.connect(self._give_up_changing)
         holder = QWidget()

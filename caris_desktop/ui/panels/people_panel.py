@@ -34,7 +34,7 @@ from caris_desktop.ui.people.shown_people import (
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 
 _LATE_S = 1.5
 """Detection delay in s from which the panel shows it, as recent arrivals are missing."""
@@ -65,8 +65,7 @@ class PeoplePanel(Panel):
         self._empty.setContentsMargins(24, 8, 24, 8)
         self._portraits = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
         self.model = PeopleModel(self.state.present, self)
-        self.list = PeopleList(self.theme, self.model, self._portraits)
-        self.list.setObjectName("people_list")
+        self.list = named(PeopleList(self.theme, self.model, self._portraits), "people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self._refresh)
         self.list.naming_changed.connect(self.state.named_person.set)
@@ -139,9 +138,8 @@ class PeoplePanel(Panel):
             search.setAccessibleName(tr("Find a person"))
             search.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
             search.clicked.connect(lambda: self._open_search() if self._search.isHidden() else self._close_search())
-            unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
+            unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX, checkable=True)
             unfold.setObjectName("people_unfold")
-            unfold.setCheckable(True)
             unfold.setChecked(self._unfolded)
             unfold.toggled.connect(self._on_unfolded)
             unfold.hide()

@@ -44,7 +44,7 @@ from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 from caris_desktop.ui.widgets.pictures import image_of
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 
@@ -74,8 +74,7 @@ class PhotosPanel(Panel):
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
         add_clear_button(self.search)
         self.search.textChanged.connect(self._refresh)
-        self.choice = DropDown(self.theme, "photo_filter", tr("Photo filter"))
-        self.choice.setMinimumContentsLength(8)
+        self.choice = DropDown(self.theme, "photo_filter", tr("Photo filter"), minimumContentsLength=8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
         around = (10, 6, 10, 2)
@@ -209,8 +208,7 @@ class PhotoGrid(QListView):
 
     def __init__(self, theme: Theme, model: QAbstractItemModel) -> None:
         super().__init__()
-        self.setObjectName("photo_grid")
-        self.setAccessibleName(tr("Photos, newest first"))
+        named(self, "photo_grid", tr("Photos, newest first"))
         self.setModel(model)
         self.setItemDelegate(PhotoDelegate(theme, self))
         set_up_list(self)
@@ -293,8 +291,7 @@ class LargePhoto(QWidget):
         super().__init__()
         self._photo: PhotoEntry | None = None
         self.picture = _Picture()
-        self.about = ElidedLabel()
-        self.about.setObjectName("photo_about")
+        self.about = ElidedLabel(objectName="photo_about")
         self.tags = SubmitLineEdit(objectName="photo_tags", maxLength=400, returnPressed=self._on_tags_entered)
         self.tags.setPlaceholderText(tr("Tags separated by commas, then Enter"))
         self.tags.setAccessibleName(tr("Tags of this photo"))

@@ -28,7 +28,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 
 ASKING_ENDS_AFTER_MS = 10_000
 _DONE_SHOWN_MS = 1500
@@ -211,7 +211,7 @@ class ControlEntry(QWidget):
         else:
             column.addWidget(self.note)
         self._calm_down = QTimer(self, singleShot=True, interval=_DONE_SHOWN_MS)
-        self._calm_down.timeout.connect(self._on_done_shown)
+        self._calm_down.timeout.connect(lambda: self._show(done=False))
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
         self._give_up_asking.timeout.connect(self.stop_asking)
         self._show()
@@ -281,9 +281,6 @@ class ControlEntry(QWidget):
         else:
             self._face.forget_choice()
         self._show()
-
-    def _on_done_shown(self) -> None:
-        self._show(done=False)
 
     def _show(self, *, done: bool = True) -> None:
         status, control = self._status, self.control
@@ -465,8 +462,7 @@ class _ToggleFace(ControlWidget):
         self._reported: bool | None = None
         self._requested: bool | None = None
         self._requested_at_s = float("-inf")
-        self._switch = Switch(theme, control.title)
-        self._switch.setObjectName(f"control_{control.id}_switch")
+        self._switch = named(Switch(theme, control.title), f"control_{control.id}_switch")
         self._switch.clicked.connect(self._on_clicked)
         self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
         self._settle.timeout.connect(self._refresh)
@@ -580,9 +576,7 @@ class _SliderFace(_TitledFace):
         self._sent: float | None = None
         self._last_use_s = float("-inf")
         self._value = label("", "note", objectName="control_value")
-        self._slider = QSlider(Qt.Orientation.Horizontal)
-        self._slider.setObjectName(f"control_{control.id}_slider")
-        self._slider.setAccessibleName(control.title)
+        self._slider = named(QSlider(Qt.Orientation.Horizontal), f"control_{control.id}_slider", control.title)
         self._slider.setRange(0, self._steps)
         self._slider.setSingleStep(1 if control.step > 0 else 4)
         self._slider.setPageStep(max(1, self._steps // 10))
@@ -668,10 +662,9 @@ class _ChoiceFace(_TitledFace):
         if len(control.choices) <= _CHOICES_SIDE_BY_SIDE:
             flow = FlowRow(gap_px=6)
             for number, choice in enumerate(control.choices):
-                button = ActionButton(theme, choice.title, may_shrink=True)
+                button = ActionButton(theme, choice.title, may_shrink=True, checkable=True)
                 button.setObjectName(f"control_{control.id}_choice_{number}")
                 button.setAccessibleName(f"{control.title}: {choice.title}")
-                button.setCheckable(True)
                 button.clicked.connect(lambda _checked=False, choice=choice: self._choose(choice))
                 self._buttons.append((choice, button))
                 flow.add(button)

@@ -31,7 +31,7 @@ from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import label, named, restyle
 from caris_desktop.ui.widgets.rows import VALUE_ROLE, FastTableView, Index, KeyedItems, RowDelegate
 
 LOG_ROWS = 2000
@@ -95,16 +95,13 @@ class SessionPanel(Panel):
             toolTip=tr("Events to show"), clicked=self._open_filter_menu,
         )  # fmt: skip
         self._category = ""
-        self._filter_menu = QMenu(self)
-        self._filter_menu.setObjectName("log_filter_menu")
+        self._filter_menu = named(QMenu(self), "log_filter_menu")
         for category in ("", *event_messages.CATEGORIES):
             action = self._filter_menu.addAction(tr(category or _EVERYTHING))
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
         self._entries: list[LogEntry] = []
         self._model = KeyedItems[LogEntry](self, lambda entry: entry.key or id(entry), self._fill)
-        self._log = EventLogView()
-        self._log.setObjectName("event_log")
-        self._log.setAccessibleName(tr("Event log"))
+        self._log = named(EventLogView(), "event_log", tr("Event log"))
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
         self._log.setMinimumHeight(LOG_LEAST_LINES * LOG_LINE_PX)

@@ -37,7 +37,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow, list_area
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
-from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap, label, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap, label, named, restyle
 from caris_desktop.ui.widgets.rows import show_rows
 
 ROW_PX = 30
@@ -59,8 +59,7 @@ class QueueList(QWidget):
         self._actions = actions
         self._rows: dict[str, _QueueRow] = {}
         self._chosen = ""
-        self.setObjectName("speak_queue")
-        self.setAccessibleName(tr("Speech queue"))
+        named(self, "speak_queue", tr("Speech queue"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._column = layouts.vbox(self, margins_px=0, spacing_px=0)
         actions.answer_for(QUEUE_GROUP, self)
@@ -128,18 +127,13 @@ class QueueList(QWidget):
 
     # ---- callbacks of the action table
 
-    def go_up(self) -> None:
-        self._go(-1)
-
-    def go_down(self) -> None:
-        self._go(1)
-
     def edit(self) -> None:
         row = self._rows.get(self._chosen)
         if row is not None:
             row.begin_edit()
 
-    def _go(self, step: int) -> None:
+    def go(self, step: int) -> None:
+        """Choose the next (1) or previous (-1) item."""
         ids = list(self._rows)
         if ids:
             at = ids.index(self._chosen) if self._chosen in ids else 0
@@ -331,8 +325,7 @@ class SpeakPanel(Panel):
         self._voice.set_quiet(True)
         self._voice.setAccessibleName(tr("Voice"))
         self._voice.setToolTip(tr("Who speaks, voice, speed and volume"))
-        self._voice_menu = QMenu(self)
-        self._voice_menu.setObjectName("voice_menu")
+        self._voice_menu = named(QMenu(self), "voice_menu")
         self._phrases = PhraseRows(self.theme, self.console, self.table)
         self._queue = QueueList(self.theme, self.console, self.table)
         self._queue.left_over.connect(self.field.bring)
@@ -580,11 +573,9 @@ class PlaceholderPrompt(QWidget):
         self._say = ActionButton(theme, tr("Say it"), key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
         self._say.clicked.connect(self._on_return)
         self._leave = ActionButton(
-            theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, role="ghost"
-        )
-        self._leave.setObjectName("gap_leave")
-        self._leave.setToolTip(tr(text_formatting.ESC_CLOSES))
-        self._leave.clicked.connect(self.given_up)
+            theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, role="ghost",
+            objectName="gap_leave", toolTip=tr(text_formatting.ESC_CLOSES), clicked=self.given_up,
+        )  # fmt: skip
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         layouts.hbox(self, self._question, (self.field, 1), self._say, self._leave, margins_px=0, spacing_px=8)
         self.hide()

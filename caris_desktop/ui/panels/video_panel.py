@@ -30,6 +30,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.frame_view import FloorSpot, FrameView, model_for, spot_at
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.pictures import PhotoThumbnail, thumbnail_of
 from caris_desktop.ui.widgets.popups import ChoiceCard
 
@@ -68,8 +69,7 @@ class VideoPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("video_panel")
-        self.view = FrameView(self.theme, self)
-        self.view.setObjectName("video_view")
+        self.view = named(FrameView(self.theme, self), "video_view")
         self._seen = RecentlyVisible()
         self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         self.strip = CameraStrip(self.theme, self)
@@ -81,9 +81,8 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         self._offer_photos()
-        self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"))
-        self._cameras.setMinimumContentsLength(6)
-        self._cameras.activated.connect(self._on_camera_chosen)
+        self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"), minimumContentsLength=6)
+        self._cameras.activated.connect(lambda index: self.state.choose_camera(str(self._cameras.itemData(index))))
         self.motion = None if context.observed else RobotMotion(self.state, self)
         if self.motion is not None:
             self.motion.changed.connect(self._on_motion_changed)
@@ -177,9 +176,6 @@ class VideoPanel(Panel):
         self.strip.use_place(place)
         self.strip.refresh_all()
 
-    def _on_camera_chosen(self, index: int) -> None:
-        self.state.choose_camera(str(self._cameras.itemData(index)))
-
     def focus_target(self) -> QWidget:
         return self.view
 
@@ -207,19 +203,12 @@ class VideoPanel(Panel):
         naming = self.console.scenario.permissions.naming_people
         question: IdentityQuestion | None = self.state.asked_person.value
         persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), question)
-        key = self.table.key_text("answer_yes")
-        self.view.show_names(
-            {
-                person.person_id: (
-                    text_formatting.on_box(
-                        person, key if question is not None and question.person_id == person.person_id else ""
-                    ),
-                    text_formatting.has_given_name(person),
-                )
-                for person in persons
-            },
-            frozenset(person.person_id for person in persons if person.suggestion is not None),
-        )
+        keys = {} if question is None else {question.person_id: self.table.key_text("answer_yes")}
+        names = {}
+        for person in persons:
+            words = text_formatting.on_box(person, keys.get(person.person_id, ""))
+            names[person.person_id] = words, text_formatting.has_given_name(person)
+        self.view.show_names(names, frozenset(person.person_id for person in persons if person.suggestion is not None))
 
     def _on_freshness_changed(self, freshness: str) -> None:
         self.view.show_freshness(freshness)

@@ -35,10 +35,10 @@ from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.portraits import PortraitPixmaps, PortraitView
 from caris_desktop.ui.people.shown_people import found, in_order, is_identified, what_is_seen
 from caris_desktop.ui.theme import Theme, icon
-from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import CheckBox, SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 from caris_desktop.ui.widgets.popups import FloatingCard
 from caris_desktop.ui.widgets.rows import FastTableView
 
@@ -78,10 +78,8 @@ class PersonCard(FloatingCard):
         self._beside = QRect()
         self._dragged: QPoint | None = None
         self._face = PortraitView(theme, portraits, _PORTRAIT_PX)
-        self._name = ElidedLabel()
-        self._name.setObjectName("person_card_name")
-        self._last_seen = ElidedLabel(role="note")
-        self._last_seen.setObjectName("person_card_seen")
+        self._name = ElidedLabel(objectName="person_card_name")
+        self._last_seen = ElidedLabel(role="note", objectName="person_card_seen")
         close = ActionButton(theme, "", icon="x", role="ghost", height_px=30, objectName="person_card_close")
         close.setAccessibleName(tr("Close the card"))
         close.clicked.connect(self.close_card)
@@ -211,20 +209,9 @@ class _Page(QWidget):
         super().__init__()
         self._card = card
 
-    def _button(
-        self, name: str, text: str, icon_name: str, act: Callable[[], object], *, role: ButtonRole = "plain",
-        height_px: int = tokens.CONTROL_HEIGHT_PX, text_px: int = tokens.BODY_PX,
-    ) -> ActionButton:  # fmt: skip
-        return ActionButton(
-            self._card.theme,
-            text,
-            icon=icon_name,
-            role=role,
-            height_px=height_px,
-            text_px=text_px,
-            objectName=name,
-            clicked=lambda _checked=False: act(),
-        )
+    def _button(self, name: str, text: str, icon_name: str, act: Callable[[], object], **more: Any) -> ActionButton:
+        more = {"icon": icon_name, "objectName": name, "clicked": lambda _checked=False: act(), **more}
+        return ActionButton(self._card.theme, text, **more)
 
 
 def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
@@ -480,8 +467,7 @@ class HistoryList(FastTableView):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(row_px=_HISTORY_ROW_PX)
-        self.setObjectName("person_history")
-        self.setAccessibleName(tr("History"))
+        named(self, "person_history", tr("History"))
         self.entries = QStandardItemModel(0, 2, self)
         self.setModel(self.entries)
         columns = self.horizontalHeader()
@@ -489,10 +475,7 @@ class HistoryList(FastTableView):
         columns.setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self._theme = theme
         self._shown: Sequence[HistoryEntry] = ()
-        theme.restyle_on_change(self._style)
-
-    def _style(self) -> None:
-        self.show_entries(self._shown)
+        theme.restyle_on_change(lambda: self.show_entries(self._shown))
 
     def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
         self._shown = entries
@@ -517,7 +500,10 @@ class ForgetPage(_Page):
         self._details = label("", "detail", wraps=True, objectName="forget_what")
         refused = tr("A session is being recorded. Stop the recording first.")
         self._not_now = label(refused, "detail", tone="amber", wraps=True, objectName="forget_not_now")
-        self._erase = self._button("forget_do", tr("Erase permanently"), "trash", self._on_erase, role="outline_danger")
+        self._erase = self._button(
+            "forget_do", tr("Erase permanently"), "trash",
+            lambda: card.decide(intents.ForgetPerson(card.person_id)), role="outline_danger",
+        )  # fmt: skip
         keep = self._button("forget_keep", tr("Cancel"), "", partial(card.show_page, "about"))
         row = layouts.hbox(None, keep, self._erase, 1, spacing_px=tokens.GRID_PX)
         texts = (self._title, self._details, self._not_now)
@@ -539,9 +525,6 @@ class ForgetPage(_Page):
         )
         self._not_now.setVisible(recording)
         self._erase.setEnabled(not recording)
-
-    def _on_erase(self) -> None:
-        self._card.decide(intents.ForgetPerson(self._card.person_id))
 
 
 def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow]:

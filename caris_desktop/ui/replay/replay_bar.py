@@ -35,7 +35,7 @@ from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500
@@ -62,8 +62,7 @@ class ReplayBar(QWidget):
 
     def __init__(self, theme: Theme, replay: ReplayConsole, actions: Actions) -> None:
         super().__init__()
-        self.setObjectName("replay_bar")
-        self.setAccessibleName(tr("Replay"))
+        named(self, "replay_bar", tr("Replay"))
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setMinimumWidth(_NARROWEST_PX)  # parts that can be hidden must not set it
         self._replay = replay
@@ -85,9 +84,8 @@ class ReplayBar(QWidget):
             button.bind(actions, action_id)
             self._buttons[action_id] = button
         self._times = ReplayTimes()
-        self._rate = DropDown(theme, "replay_rate", tr("Replay speed"))
+        self._rate = DropDown(theme, "replay_rate", tr("Replay speed"), minimumContentsLength=5)
         self._rate.setToolTip(tr("Replay speed. Slower with <, faster with >"))
-        self._rate.setMinimumContentsLength(5)
         self._rate.activated.connect(lambda index: replay.set_rate(self._rate.itemData(index)))
         self._hint = label("", "note", objectName="replay_hint")
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

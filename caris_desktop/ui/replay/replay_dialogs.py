@@ -36,7 +36,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
 from caris_desktop.ui.widgets.inputs import DropDown
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import label, named
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")
@@ -194,9 +194,7 @@ class TierDialog(_Dialog):
         if tier is not None and tier.vocabulary:
             self._labels.setCurrentIndex(self._labels.findData(tier.vocabulary))
         self._labels.currentIndexChanged.connect(self._on_labels_chosen)
-        self._list = QPlainTextEdit(tabChangesFocus=True)
-        self._list.setObjectName("tier_labels")
-        self._list.setAccessibleName(tr("Labels, one per line"))
+        self._list = named(QPlainTextEdit(tabChangesFocus=True), "tier_labels", tr("Labels, one per line"))
         self._list.setPlaceholderText(
             tr("One label per line, with its meaning after a colon:\ncurious: leans in, asks")
         )
@@ -292,9 +290,7 @@ class ImportDialog(_Dialog):
             "hint",
             "note",
         )
-        self.path_field = QLineEdit()
-        self.path_field.setObjectName("import_path")
-        self.path_field.setAccessibleName(tr("File"))
+        self.path_field = named(QLineEdit(), "import_path", tr("File"))
         self.path_field.returnPressed.connect(self._on_import)
         browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36, objectName="import_browse")
         browse.clicked.connect(self.browse)
@@ -398,8 +394,7 @@ class AgreementDialog(_Dialog):
             "table_words",
             "note",
         )
-        self._table = QTableWidget()
-        self._table.setObjectName("agreement_table")
+        self._table = named(QTableWidget(), "agreement_table")
         self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self._table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self._table.setFocusPolicy(Qt.FocusPolicy.NoFocus)

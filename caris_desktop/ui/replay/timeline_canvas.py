@@ -304,16 +304,13 @@ class TimelineCanvas(TimelineItems):
                 inside, tops = point.y() - RULER_PX + self.scroll_y, self._tops
                 drag.target = sum(inside > (top + below) / 2 for top, below in pairwise(tops))
             case "create":
-                self._drag_free(drag, self._ms_at(point))
+                anchor_ms = self._snap(drag.origin_ms, drag.row)
+                other_ms = self._bounded(self._snap(self._ms_at(point), drag.row))
+                before, after = self._free_around(drag.row, anchor_ms)
+                drag.start_ms, drag.end_ms = max(min(anchor_ms, other_ms), before), min(max(anchor_ms, other_ms), after)
             case _:
                 self._drag_annotation(drag, point)
         self.update()
-
-    def _drag_free(self, drag: _Drag, at_ms: float) -> None:
-        anchor_ms = self._snap(drag.origin_ms, drag.row)
-        other_ms = self._bounded(self._snap(at_ms, drag.row))
-        before, after = self._free_around(drag.row, anchor_ms)
-        drag.start_ms, drag.end_ms = max(min(anchor_ms, other_ms), before), min(max(anchor_ms, other_ms), after)
 
     def _drag_annotation(self, drag: _Drag, point: QPointF) -> None:
         item, moved_ms = drag.annotation, self._ms_at(point) - drag.origin_ms
@@ -446,11 +443,23 @@ class TimelineCanvas(TimelineItems):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setClipRect(QRect(NAMES_PX, RULER_PX, self.room_px, self.height() - RULER_PX))
         self._paint_selection(painter)
-        self._paint_open(painter)
+        index = None if self.open is None else self.index_of(f"tier {self.open.tier_id}")
+        if self.open is not None and index is not None:
+            end_ms = max(self.position_ms, self.open.start_ms + 2 / self.scale.px_per_ms)
+            rect = self._interval_rect(index, self.open.start_ms, end_ms)
+            self._paint_ghost(painter, rect, self._color_of(self.rows[index].coder), self.open.value)
         self._paint_drag(painter)
         painter.setClipping(False)
         self._paint_names(painter)
-        self._paint_playhead(painter)
+        x = self.scale.to_px(self.position_ms)
+        if -6 <= x <= self.room_px + 6:
+            painter.setClipRect(NAMES_PX - 6, 0, self.room_px + 6, self.height())
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("blue"))
+            painter.translate(NAMES_PX + x, RULER_PX - 15)
+            painter.drawRect(QRectF(-0.75, 6, 1.5, self.height()))
+            head = ((-6, 0), (6, 0), (6, 6), (0, 13), (-6, 6))
+            painter.drawPolygon(QPolygonF([QPointF(*corner) for corner in head]))
 
     def _paint_selection(self, painter: QPainter) -> None:
         item = self.selected
@@ -466,13 +475,6 @@ class TimelineCanvas(TimelineItems):
             painter.setBrush(self._theme.color("text"))
             for x in (rect.left(), rect.right()):
                 painter.drawRoundedRect(QRectF(x - 2.5, rect.center().y() - 6, 5, 12), 2, 2)
-
-    def _paint_open(self, painter: QPainter) -> None:
-        index = None if self.open is None else self.index_of(f"tier {self.open.tier_id}")
-        if self.open is not None and index is not None:
-            end_ms = max(self.position_ms, self.open.start_ms + 2 / self.scale.px_per_ms)
-            rect = self._interval_rect(index, self.open.start_ms, end_ms)
-            self._paint_ghost(painter, rect, self._color_of(self.rows[index].coder), self.open.value)
 
     def _paint_drag(self, painter: QPainter) -> None:
         drag = self._drag
@@ -526,14 +528,3 @@ class TimelineCanvas(TimelineItems):
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         painter.setPen(self._theme.color("dim"))
         painter.drawText(QRectF(14, 0, NAMES_PX - 28, RULER_PX - 1), LEFT, exact_text(self.position_ms))
-
-    def _paint_playhead(self, painter: QPainter) -> None:
-        x = self.scale.to_px(self.position_ms)
-        if -6 <= x <= self.room_px + 6:
-            painter.setClipRect(NAMES_PX - 6, 0, self.room_px + 6, self.height())
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(self._theme.color("blue"))
-            painter.translate(NAMES_PX + x, RULER_PX - 15)
-            painter.drawRect(QRectF(-0.75, 6, 1.5, self.height()))
-            head = ((-6, 0), (6, 0), (6, 6), (0, 13), (-6, 6))
-            painter.drawPolygon(QPolygonF([QPointF(*corner) for corner in head]))

@@ -23,6 +23,7 @@ from caris_desktop.ui.replay.timeline_items import (
     vocabulary_named,
 )
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 NEW_MS = 1000
@@ -59,7 +60,9 @@ class TimelineCommands(QObject):
         self._named = ""
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(replay.seek)
-        canvas.seek_requested.connect(self._on_seek_requested)
+        canvas.seek_requested.connect(
+            lambda at_ms: self._seeks.want(self._replay.session.started_ns + round(at_ms * 1e6))
+        )
         canvas.create_requested.connect(self._on_create_requested)
         canvas.move_requested.connect(self._on_move_requested)
         canvas.rename_requested.connect(self._rename)
@@ -358,9 +361,6 @@ class TimelineCommands(QObject):
             self._canvas.selected,
         )
 
-    def _on_seek_requested(self, at_ms: float) -> None:
-        self._seeks.want(self._replay.session.started_ns + round(at_ms * 1e6))
-
     def _seek(self, at_ms: float) -> None:
         at_ms = min(max(0.0, at_ms), self.duration_ms())
         self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
@@ -386,15 +386,11 @@ class LabelCard(FloatingCard):
         self._entries: tuple[VocabularyEntry, ...] | None = None
         self._before = ""
         self._done = True
-        self.field = QLineEdit(maxLength=10_000)
-        self.field.setObjectName("label_field")
-        self.field.setAccessibleName(tr("Label of the annotation"))
+        self.field = named(QLineEdit(maxLength=10_000), "label_field", tr("Label of the annotation"))
         self.field.setMinimumSize(240, 32)
         self.field.textEdited.connect(self._on_text_edited)
         self.field.installEventFilter(self)
-        self.list = QListWidget()
-        self.list.setObjectName("label_list")
-        self.list.setAccessibleName(tr("Labels of the vocabulary"))
+        self.list = named(QListWidget(), "label_list", tr("Labels of the vocabulary"))
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
@@ -446,30 +442,27 @@ class LabelCard(FloatingCard):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self.field and not self._done:
             if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
-                return self._filter_key(event)
+                # Keys of the popup: Return selects, arrows move, Esc cancels.
+                key, row = event.key(), self.list.currentItem()
+                if key not in _CARD_KEYS:
+                    return False
+                event.accept()
+                if event.type() == QEvent.Type.ShortcutOverride:
+                    return True
+                if key == Qt.Key.Key_Escape:
+                    self._finish(None)
+                elif key in (Qt.Key.Key_Up, Qt.Key.Key_Down):
+                    step = 1 if key == Qt.Key.Key_Down else -1
+                    self.list.setCurrentRow(min(max(0, self.list.currentRow() + step), self.list.count() - 1))
+                elif self._entries is None:
+                    self._finish(self.field.text())
+                elif row is not None:
+                    self._finish(str(row.data(_VALUE)))
+                return True
             if event.type() == QEvent.Type.FocusOut:
                 # Free text is saved on losing the focus, as in any field; a vocabulary value must be chosen.
                 self._finish(self.field.text() if self._entries is None else None)
         return super().eventFilter(watched, event)
-
-    def _filter_key(self, event: QKeyEvent) -> bool:
-        """Keys of the popup: Return selects, arrows move, Esc cancels."""
-        key, row = event.key(), self.list.currentItem()
-        if key not in _CARD_KEYS:
-            return False
-        event.accept()
-        if event.type() == QEvent.Type.ShortcutOverride:
-            return True
-        if key == Qt.Key.Key_Escape:
-            self._finish(None)
-        elif key in (Qt.Key.Key_Up, Qt.Key.Key_Down):
-            step = 1 if key == Qt.Key.Key_Down else -1
-            self.list.setCurrentRow(min(max(0, self.list.currentRow() + step), self.list.count() - 1))
-        elif self._entries is None:
-            self._finish(self.field.text())
-        elif row is not None:
-            self._finish(str(row.data(_VALUE)))
-        return True
 
     def cancel(self) -> bool:
         """Close without a label; False if it was not open."""

@@ -490,7 +490,15 @@ class TimelineItems(QWidget):
             painter.translate(NAMES_PX, 0)
             self._draw_rows(painter)
             painter.resetTransform()
-            self._draw_names(painter)
+            painter.fillRect(0, 0, NAMES_PX, self.height(), self._theme.color("panel"))
+            painter.setClipRect(0, RULER_PX, NAMES_PX, self.height() - RULER_PX)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            for row, top in self._visible_rows():
+                self._draw_name(painter, row, top)
+            painter.setClipping(False)
+            line = self._theme.color("line")
+            painter.fillRect(NAMES_PX - 1, 0, 1, self.height(), line)
+            painter.fillRect(0, RULER_PX - 1, NAMES_PX, 1, line)
             painter.end()
         QPainter(self).drawPixmap(0, 0, self._layer)
 
@@ -500,17 +508,6 @@ class TimelineItems(QWidget):
             top = self.row_top(index)
             if top + row.height_px > RULER_PX and top < self.height():
                 yield row, top
-
-    def _draw_names(self, painter: QPainter) -> None:
-        painter.fillRect(0, 0, NAMES_PX, self.height(), self._theme.color("panel"))
-        painter.setClipRect(0, RULER_PX, NAMES_PX, self.height() - RULER_PX)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for row, top in self._visible_rows():
-            self._draw_name(painter, row, top)
-        painter.setClipping(False)
-        line = self._theme.color("line")
-        painter.fillRect(NAMES_PX - 1, 0, 1, self.height(), line)
-        painter.fillRect(0, RULER_PX - 1, NAMES_PX, 1, line)
 
     def _draw_name(self, painter: QPainter, row: Row, top: int) -> None:
         theme = self._theme

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
@@ -54,7 +54,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
@@ -77,8 +77,7 @@ class TimelineView(QWidget):
 
     def __init__(self, theme: Theme, replay: ReplayConsole, state: LiveState, actions: Actions) -> None:
         super().__init__()
-        self.setObjectName("timeline_view")
-        self.setAccessibleName(tr("Timeline of the session"))
+        named(self, "timeline_view", tr("Timeline of the session"))
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(_NARROWEST_PX, _LOWEST_PX)
         self._theme = theme
@@ -129,13 +128,11 @@ class TimelineView(QWidget):
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
         title = label(tr("Timeline"), "title")
-        self._fact = ElidedLabel(role="note")
-        self._fact.setObjectName("timeline_fact")
+        self._fact = ElidedLabel(role="note", objectName="timeline_fact")
         row = layouts.hbox(header, title, margins_px=(14, 3, 6, 3), spacing_px=4)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
-        self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
-        self.filter.setObjectName("tier_filter")
+        self.filter = named(QLineEdit(placeholderText=tr("Filter tiers")), "tier_filter")
         self.filter.setAccessibleName(tr("Show only tiers that contain these words"))
         add_clear_button(self.filter)
         self.filter.setFixedSize(136, 30)
@@ -150,9 +147,8 @@ class TimelineView(QWidget):
                 self.open_import,
             ),
         ):  # fmt: skip
-            button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
+            button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1, toolTip=tip)
             button.setObjectName(name)
-            button.setToolTip(tip)
             button.clicked.connect(open_it)
             self._named_buttons.append(button)
         icons = []
@@ -301,12 +297,11 @@ class TimelineView(QWidget):
             (self._across, self.acts.duration_ms() - visible_ms, visible_ms, scale.start_ms),
             (self._down, canvas.rows_height_px - visible_px, visible_px, canvas.scroll_y),
         ):
-            bar.blockSignals(True)
-            bar.setRange(0, max(0, round(maximum)))
-            bar.setPageStep(max(1, round(page)))
-            bar.setSingleStep(max(1, round(page / 10)))
-            bar.setValue(round(value))
-            bar.blockSignals(False)
+            with QSignalBlocker(bar):
+                bar.setRange(0, max(0, round(maximum)))
+                bar.setPageStep(max(1, round(page)))
+                bar.setSingleStep(max(1, round(page / 10)))
+                bar.setValue(round(value))
         self._description.changed()
 
     # ---- rows and tiers
@@ -428,8 +423,7 @@ class TimelineView(QWidget):
         menu.popup(at)
 
     def _menu(self, name: str) -> QMenu:
-        menu = QMenu(self)
-        menu.setObjectName(name)
+        menu = named(QMenu(self), name)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         return menu
 
@@ -442,17 +436,14 @@ class TimelineView(QWidget):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self.canvas and event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
-            return self._press_key(event)
+            if event.key() == Qt.Key.Key_Escape:
+                self.acts.give_up()
+                return True
+            spec = self._actions.pressed_in("timeline", event)
+            if spec is not None and (not event.isAutoRepeat() or spec.callback in _REPEATED):
+                self._actions.run(spec.id)
+            return spec is not None
         return super().eventFilter(watched, event)
-
-    def _press_key(self, event: QKeyEvent) -> bool:
-        if event.key() == Qt.Key.Key_Escape:
-            self.acts.give_up()
-            return True
-        spec = self._actions.pressed_in("timeline", event)
-        if spec is not None and (not event.isAutoRepeat() or spec.callback in _REPEATED):
-            self._actions.run(spec.id)
-        return spec is not None
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter, active = QPainter(self), self.canvas.hasFocus()
@@ -502,8 +493,7 @@ class CodingStrip(QWidget):
         self._contents: tuple[object, ...] | None = None
         self._actions = actions
         self._present = 0
-        self._words = ElidedLabel(role="note")
-        self._words.setObjectName("coding_words")
+        self._words = ElidedLabel(role="note", objectName="coding_words")
         self._add = ActionButton(theme, tr("Add a tier"), icon="plus", role="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
         self._add.clicked.connect(self.add_tier_requested)
@@ -514,11 +504,10 @@ class CodingStrip(QWidget):
             button.setCheckable(True)
             button.bind(actions, button.objectName())
             self._labels.append(button)
-        self._more = ActionButton(theme, icon="caret-double-right", role="amber", height_px=30)
+        self._more = ActionButton(theme, icon="caret-double-right", role="amber", height_px=30, clicked=self._open_more)
         self._more.setObjectName("coding_more")
         self._more.setAccessibleName(tr("More labels"))
         self._more.setToolTip(tr("More labels: their keys also work"))
-        self._more.clicked.connect(self._open_more)
         self._more.hide()
         self._edits: list[ActionButton] = []
         for action_id, _icon, text in _EDITS:
@@ -584,8 +573,7 @@ class CodingStrip(QWidget):
                 break
 
     def _open_more(self) -> None:
-        menu = QMenu(self)
-        menu.setObjectName("more_codes_menu")
+        menu = named(QMenu(self), "more_codes_menu")
         for button in self._labels[: self._present]:
             if button.isHidden():
                 action = menu.addAction(in_menu(f"{button.key}  {button.text()}"))
@@ -612,9 +600,6 @@ class ReplayWidgets(QObject):
         self.timeline = TimelineView(theme, replay, state, actions)
         self.timeline.open_requested.connect(self._open_timeline)
         self._bar = ReplayBar(theme, replay, actions)
-        self._panels: ReplayPanels | None = None
-        self._middle: QSplitter | None = None
-        self._window: QWidget | None = None
         self._small: bool | None = None
         self._drawer = self._timeline_open = False
 
@@ -635,8 +620,7 @@ class ReplayWidgets(QObject):
 
     def fit(self) -> None:
         """Adjust after the panels were rebuilt."""
-        if self._panels is not None:
-            self._panels.fit()
+        self._panels.fit()
 
     def show_panels(self) -> None:
         """Close the timeline if it is a drawer over the panels."""
@@ -646,8 +630,7 @@ class ReplayWidgets(QObject):
     def take_focus(self) -> None:
         """Take the focus: no field gets typed keys in a replay, and Space plays."""
         taker = self._window if self._drawer and not self._timeline_open else self.timeline
-        if taker is not None:
-            taker.setFocus(Qt.FocusReason.OtherFocusReason)
+        taker.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Resize:
@@ -658,8 +641,6 @@ class ReplayWidgets(QObject):
         return False
 
     def _use_window_size(self) -> None:
-        if self._window is None or self._panels is None:
-            return
         small = self._window.width() < _SMALL_BELOW_PX[0] or self._window.height() < _SMALL_BELOW_PX[1]
         if small != self._small:
             self._small = small
@@ -667,8 +648,6 @@ class ReplayWidgets(QObject):
             self._panels.setMinimumHeight(_LEAST_PANELS_PX if small else PANELS_LEAST_PX)
 
     def _use_room(self) -> None:
-        if self._middle is None or self._window is None:
-            return
         drawer = self._middle.height() < DRAWER_BELOW_PX
         if drawer != self._drawer:
             self._drawer = drawer
@@ -684,8 +663,6 @@ class ReplayWidgets(QObject):
 
     def _show_drawer(self) -> None:
         """Show the panels with the timeline's title below, or the timeline."""
-        if self._panels is None or self._middle is None:
-            return
         self.timeline.show_as_drawer(None if not self._drawer else self._timeline_open)
         self._panels.setVisible(not (self._drawer and self._timeline_open))
         timeline_px = _PANELS_AND_TIMELINE_PX[1]

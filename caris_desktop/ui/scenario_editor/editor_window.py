@@ -34,14 +34,14 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
-from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names, named
+from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names
 from caris_desktop.ui.scenario_editor.pages import ComparePage, Other, SectionPage, TextPage, sections
 from caris_desktop.ui.scenario_editor.preview import preview_page
 from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Opened, Saving, as_sentence, opened_file
 from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel, restyle
+from caris_desktop.ui.widgets.labels import ElidedLabel, named, restyle
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
@@ -120,13 +120,31 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.saving.version_changed.connect(self.compare_page.offer_again)
         self.saving.finished.connect(self.close)
         self.stack = QStackedWidget()
-        self.nav = self._make_nav()
+        nav = named(QListWidget(), "editor_sections", tr("Sections of the scenario"))
+        nav.setIconSize(QSize(18, 18))
+        nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        titles = [*(tr(page.section.title) for page in self.pages), tr("Text of the file"), tr("Compare")]
+        for title, page in zip(titles, (*self.pages, self.text_page, self.compare_page), strict=True):
+            nav.addItem(_nav_item(title))
+            self.stack.addWidget(page)
+        nav.currentRowChanged.connect(self._on_section)
+        self.nav = nav
         preview = QTextBrowser(openLinks=False)
         self.preview = named(preview, "scenario_preview", tr("Preview for the wizard, and changes"))
         self.preview.setMinimumWidth(280)
         self.preview.anchorClicked.connect(self._on_link)
         self._lay_out()
-        self._make_keys()
+        keys: dict[str, Callable[[], object]] = {
+            "Ctrl+Z": self.undo,
+            "Ctrl+Shift+Z": self.redo,
+            "Ctrl+Y": self.redo,
+            "Ctrl+S": self.save,
+            "Ctrl+Shift+S": self.ask_for_name,
+            "Ctrl+PgDown": partial(self._next_section, 1),
+            "Ctrl+PgUp": partial(self._next_section, -1),
+        }
+        for key, do in keys.items():
+            QShortcut(QKeySequence(key), self, do)
         self.document.history.changed.connect(self._on_changed)
         theme.changed.connect(self._on_theme_changed)
         self._show_icons()
@@ -151,17 +169,6 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             objectName=name,
             clicked=lambda _checked=False: do(),
         )
-
-    def _make_nav(self) -> QListWidget:
-        nav = named(QListWidget(), "editor_sections", tr("Sections of the scenario"))
-        nav.setIconSize(QSize(18, 18))
-        nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        titles = [*(tr(page.section.title) for page in self.pages), tr("Text of the file"), tr("Compare")]
-        for title, page in zip(titles, (*self.pages, self.text_page, self.compare_page), strict=True):
-            nav.addItem(_nav_item(title))
-            self.stack.addWidget(page)
-        nav.currentRowChanged.connect(self._on_section)
-        return nav
 
     def _lay_out(self) -> None:
         self._title, self._state = named(ElidedLabel(), "editor_title"), named(ElidedLabel(), "editor_state")
@@ -216,19 +223,6 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             self._side.addWidget(self.preview)
             self._side.setSizes(list(_FORM_AND_PREVIEW_PX))
             self._show_preview()
-
-    def _make_keys(self) -> None:
-        keys: dict[str, Callable[[], object]] = {
-            "Ctrl+Z": self.undo,
-            "Ctrl+Shift+Z": self.redo,
-            "Ctrl+Y": self.redo,
-            "Ctrl+S": self.save,
-            "Ctrl+Shift+S": self.ask_for_name,
-            "Ctrl+PgDown": partial(self._next_section, 1),
-            "Ctrl+PgUp": partial(self._next_section, -1),
-        }
-        for key, do in keys.items():
-            QShortcut(QKeySequence(key), self, do)
 
     # ---- display
 

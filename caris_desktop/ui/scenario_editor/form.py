@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape
-from typing import Any, TypeVar
+from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent
@@ -50,9 +50,8 @@ from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
-from caris_desktop.ui.widgets.labels import KeyCap, restyle
+from caris_desktop.ui.widgets.labels import KeyCap, named, restyle
 
-W = TypeVar("W", bound=QWidget)
 _MORE_PX = 104
 _ROWS_AT_ONCE = 4
 _MOST_IN_A_ROW = 5
@@ -256,18 +255,15 @@ class Field(FormPart):
         self.control.setAccessibleDescription(" ".join(filter(None, (self.mistake, self.help, self.remark))))
         changed = value_at(self.document.saved_data, self.path) != value_at(self.document.data, self.path)
         if not self.compact and (changed or self._back is not None):
-            self._show_back(changed)
-
-    def _show_back(self, changed: bool) -> None:
-        if self._back is None:
-            back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", role="ghost", height_px=22)
-            as_saved = tr("{title}: restore the saved value").format(title=self.title or tr("Entry"))
-            back.setAccessibleName(self.context.spoken(as_saved))
-            back.setToolTip(tr("Restore the saved value"))
-            back.clicked.connect(self._restore_saved)
-            self._head.insertWidget(1, back)
-            self._back = back
-        self._back.setVisible(changed)
+            if self._back is None:
+                back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", role="ghost", height_px=22)
+                as_saved = tr("{title}: restore the saved value").format(title=self.title or tr("Entry"))
+                back.setAccessibleName(self.context.spoken(as_saved))
+                back.setToolTip(tr("Restore the saved value"))
+                back.clicked.connect(self._restore_saved)
+                self._head.insertWidget(1, back)
+                self._back = back
+            self._back.setVisible(changed)
 
     def _restore_saved(self) -> None:
         saved = value_at(self.document.saved_data, self.path)
@@ -455,10 +451,9 @@ class ChoiceField(Field):
     control: DropDown
 
     def make(self) -> tuple[QWidget, QWidget]:
-        box = DropDown(self.context.theme, "", self.title)
+        box = DropDown(self.context.theme, "", self.title, maximumWidth=360)
         box.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         box.setMinimumSize(120, tokens.CONTROL_HEIGHT_PX)
-        box.setMaximumWidth(360)
         box.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._offered: list[Any] = []
         box.activated.connect(lambda index: self.document.replace(self.path, self._offered[index]))
@@ -580,7 +575,9 @@ class GroupPart(Holder):
         self._keys: Sequence[Key] = ()
         self._button = ActionButton(context.theme, icon="plus") if optional else None
         if self._button is not None:
-            self._button.clicked.connect(self._on_clicked)
+            self._button.clicked.connect(
+                lambda: self.document.replace(self.path, ABSENT if self.value is not ABSENT else blank_of(self.form))
+            )
             self.column.addWidget(self._button)
         chooses = group is None and form.alternatives
         self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind"))) if chooses else None
@@ -591,9 +588,6 @@ class GroupPart(Holder):
             self._kind.activated.connect(self._on_chosen)
             self._kind.hide()
             self.column.addWidget(self._kind)
-
-    def _on_clicked(self) -> None:
-        self.document.replace(self.path, ABSENT if self.value is not ABSENT else blank_of(self.form))
 
     def _on_chosen(self, index: int) -> None:
         group = self.form.alternatives[index]
@@ -828,7 +822,19 @@ class EntryRow(FormPart):
     def refresh(self) -> None:
         super().refresh()
         if self._toggle is not None:
-            self._label_toggle(self._toggle)
+            data = self.document.value(self.path)
+            if self._is_card:
+                words = card_name(data) or tr("Entry {number}").format(number=self._index + 1)
+                wrong = sum(mistake.path[: len(self.path)] == self.path for mistake in self.document.mistakes)
+                if wrong:
+                    words = tr("{name} · errors: %n", "", wrong).format(name=words)
+            elif self._open:
+                words = tr("Less")
+            else:
+                others = (value_at(data, (key.name,)) for key in keys_of(self.group)[1:])
+                words = " · ".join(value for value in others if isinstance(value, str) and value) or tr("More")
+            self._toggle.set_label(words, icon="caret-down" if self._open else "caret-right")
+            self._toggle.setAccessibleName(self.context.spoken(words))
         if self._robot_button is not None:
             known = self.context.robot_pose() is not None
             self._robot_button.setEnabled(known)
@@ -838,21 +844,6 @@ class EntryRow(FormPart):
     def show_mistakes(self) -> None:
         if self.group is not None:  # a single value has a field of the same path
             super().show_mistakes()
-
-    def _label_toggle(self, toggle: ActionButton) -> None:
-        data = self.document.value(self.path)
-        if self._is_card:
-            words = card_name(data) or tr("Entry {number}").format(number=self._index + 1)
-            wrong = sum(mistake.path[: len(self.path)] == self.path for mistake in self.document.mistakes)
-            if wrong:
-                words = tr("{name} · errors: %n", "", wrong).format(name=words)
-        elif self._open:
-            words = tr("Less")
-        else:
-            others = (value_at(data, (key.name,)) for key in keys_of(self.group)[1:])
-            words = " · ".join(value for value in others if isinstance(value, str) and value) or tr("More")
-        toggle.set_label(words, icon="caret-down" if self._open else "caret-right")
-        toggle.setAccessibleName(self.context.spoken(words))
 
     def _on_toggle(self) -> None:
         self._open = not self._open
@@ -966,14 +957,6 @@ def key_of_entry(data: Any, path: KeyPath) -> str:
         case ("places", int(index)):
             return _KEYS.get(f"place_{index + 1}", "")
     return ""
-
-
-def named(widget: W, name: str, accessible_name: str = "") -> W:
-    """Set the object name, by which the style sheet finds the widget, and what a screen reader says."""
-    widget.setObjectName(name)
-    if accessible_name:
-        widget.setAccessibleName(accessible_name)
-    return widget
 
 
 def drop(part: QWidget) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QRect, Qt, QTimer
+from PySide6.QtCore import QRect, QSignalBlocker, Qt, QTimer
 from PySide6.QtGui import (
     QFont,
     QFontDatabase,
@@ -29,11 +29,12 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
-from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, named, part_for, show_at_once
+from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, part_for, show_at_once
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import named
 
 _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 _TYPING_PAUSE_MS = 200
@@ -297,9 +298,8 @@ class CodeEditor(QPlainTextEdit):
     def show_text(self, text: str) -> None:
         """Replace the text, keeping the cursor's line."""
         line, scrolled = self.textCursor().blockNumber(), self.verticalScrollBar().value()
-        self.blockSignals(True)
-        self.setPlainText(text)
-        self.blockSignals(False)
+        with QSignalBlocker(self):
+            self.setPlainText(text)
         self._make_room()
         self.setTextCursor(QTextCursor(self.document().findBlockByNumber(min(line, self.blockCount() - 1))))
         self.verticalScrollBar().setValue(scrolled)
@@ -387,10 +387,9 @@ class ComparePage(QWidget):
         self._other_data: dict[str, Any] = {}
         self._other_text = ""
         self.rows: list[QWidget] = []
-        self.choice = DropDown(context.theme, "compare_with", tr("Compare with"))
+        self.choice = DropDown(context.theme, "compare_with", tr("Compare with"), activated=self._on_chosen)
         self.choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
-        self.choice.activated.connect(self._on_chosen)
         self.summary = QLabel(wordWrap=True)
         holder = QWidget(maximumWidth=_WIDEST_PX)
         self._list = layouts.vbox(spacing_px=6)

@@ -62,7 +62,12 @@ class _Preview:
         self._parts: list[str] = []
 
     def html(self, section: str) -> str:
-        self._show_mistakes()
+        mistakes = self._document.mistakes
+        if mistakes:
+            self._heading(tr("Errors to correct before saving: %n", "", len(mistakes)), "red")
+        for number, mistake in enumerate(mistakes):
+            message = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
+            self._line("", "red", after=self._link(f"mistake:{number}", message, "red"))
         show = {
             "Phrases": self._show_phrases, "Protocol": self._show_protocol, "Places": self._show_places,
             "What is allowed": self._show_permissions, "Assistant": self._show_assistant,
@@ -111,14 +116,6 @@ class _Preview:
             value = document.value((name,))
             return key.default if value is ABSENT else value_from(key.form, value)
         return getattr(document.scenario, key.attribute) if document.scenario is not None else key.default
-
-    def _show_mistakes(self) -> None:
-        mistakes = self._document.mistakes
-        if mistakes:
-            self._heading(tr("Errors to correct before saving: %n", "", len(mistakes)), "red")
-        for number, mistake in enumerate(mistakes):
-            message = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
-            self._line("", "red", after=self._link(f"mistake:{number}", message, "red"))
 
     def _show_changes(self) -> None:
         changes = self._document.differences()
@@ -262,7 +259,12 @@ class _Preview:
                     else tr("{permission} is now off. This disappears:")
                 )
                 self._heading(words.format(permission=title), "green" if on else "amber")
-                self._show_consequences(name, "+" if on else "−")
+                found = consequences(name)
+                for each in found:
+                    words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
+                    self._line(f"{('+' if on else '−')} {words} ", after=self._cap(each.key))
+                if not found:
+                    self._line(tr("No button and no key; background functions start or stop."), "dim")
         self._heading(tr("Not available in this scenario"))
         off = [name for name in titles if not getattr(now, name)]
         if not off:
@@ -271,14 +273,6 @@ class _Preview:
             effects = [each.words for each in consequences(name) if each.sort != "act"]
             what = ", ".join(effects) or tr("no key or panel")
             self._line(tr("{permission}: {what}").format(permission=titles[name], what=what), "dim")
-
-    def _show_consequences(self, permission: str, sign: str) -> None:
-        found = consequences(permission)
-        for each in found:
-            words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
-            self._line(f"{sign} {words} ", after=self._cap(each.key))
-        if not found:
-            self._line(tr("No button and no key; background functions start or stop."), "dim")
 
 
 Sort = Literal["panel", "key", "act"]
@@ -311,15 +305,23 @@ def consequences(permission: str) -> tuple[Consequence, ...]:
 def difference_words(change: Difference) -> str:
     """Old and new value, short enough to scan."""
     if isinstance(change.before, str) and isinstance(change.after, str):
-        before, after = _where_they_differ(change.before, change.after)
-        return tr("{before} → {after}").format(before=_shown(before), after=_shown(after))
+        return _arrow(*_where_they_differ(change.before, change.after))
     if isinstance(change.before, list) or isinstance(change.after, list):
-        return _list_words(change)
+        before, after = (each if isinstance(each, list) else [] for each in (change.before, change.after))
+        came = [entry_name(each) or "…" for each in after if each not in before]
+        went = [entry_name(each) or "…" for each in before if each not in after]
+        parts = [tr("new: {names}").format(names=_short(", ".join(came)))] if came else []
+        parts += [tr("removed: {names}").format(names=_short(", ".join(went)))] if went else []
+        return " · ".join(parts) or tr("reordered")
     if isinstance(change.before, dict) or isinstance(change.after, dict):
         return (
             tr("new") if change.before is ABSENT else tr("removed") if change.after is ABSENT else tr("options changed")
         )
-    return tr("{before} → {after}").format(before=_shown(change.before), after=_shown(change.after))
+    return _arrow(change.before, change.after)
+
+
+def _arrow(before: Any, after: Any) -> str:
+    return tr("{before} → {after}").format(before=_shown(before), after=_shown(after))
 
 
 def _where_they_differ(before: str, after: str) -> tuple[str, str]:
@@ -330,15 +332,6 @@ def _where_they_differ(before: str, after: str) -> tuple[str, str]:
     if max(len(before), len(after)) <= _MOST_OF_A_VALUE or not start:
         return before, after
     return f"…{before[start:]}", f"…{after[start:]}"
-
-
-def _list_words(change: Difference) -> str:
-    before, after = (each if isinstance(each, list) else [] for each in (change.before, change.after))
-    came = [entry_name(each) or "…" for each in after if each not in before]
-    went = [entry_name(each) or "…" for each in before if each not in after]
-    parts = [tr("new: {names}").format(names=_short(", ".join(came)))] if came else []
-    parts += [tr("removed: {names}").format(names=_short(", ".join(went)))] if went else []
-    return " · ".join(parts) or tr("reordered")
 
 
 def _shown(value: Any) -> str:

@@ -61,21 +61,16 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
     groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
     if voice.output == "robot":
         return groups
-    groups.append(
+    voices = [(f"{_title(name)} · {language}", name, language) for name, language in voice.choices]
+    rates = [(_ID_OF_NORMAL_SPEED if rate == 1.0 else text, tr(text), rate) for rate, text in _RATES]
+    groups += [
         [
             choice(text, text=text, chosen=name in (voice.name, voice.used), name=name, language=language)
-            for text, name, language in (
-                (f"{_title(name)} · {voice_name}", name, voice_name) for name, voice_name in voice.choices
-            )
-        ]
-    )
-    groups.append(
-        [
-            choice(_ID_OF_NORMAL_SPEED if rate == 1.0 else text, text=tr(text), chosen=voice.rate == rate, rate=rate)
-            for rate, text in _RATES
-        ]
-    )
-    groups.append([choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
+            for text, name, language in voices
+        ],
+        [choice(known_as, text=text, chosen=voice.rate == rate, rate=rate) for known_as, text, rate in rates],
+        [choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES],
+    ]
     return [group for group in groups if group]
 
 

@@ -206,11 +206,8 @@ class ActionButton(QAbstractButton):
             return max(4, (self._height_px - _ICON_PX) // 2)
         return 10 if self._height_px < 36 else 16
 
-    def _font_metrics(self) -> QFontMetricsF:
-        return QFontMetricsF(self._theme.font(self._text_px, self._weight))
-
     def _content_width(self, text: str) -> float:
-        width = self._font_metrics().horizontalAdvance(text)
+        width = QFontMetricsF(self._theme.font(self._text_px, self._weight)).horizontalAdvance(text)
         spaces = -8
         for present, part in (
             (bool(self._icon_name) or self._dot is not None, float(_ICON_PX)),

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen, QResizeEvent
-from PySide6.QtWidgets import QAbstractButton, QWidget
+from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QWidget
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
@@ -228,6 +228,7 @@ class CameraStrip(QWidget):
         self._panel = panel
         self._pictures: dict[str, SmallPicture] = {}
         self._place = NO_PLACE
+        self._row = layouts.hbox(self, 1, 1, margins_px=_GAP_PX, spacing_px=_GAP_PX)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         theme.changed.connect(self.update)
         self.hide()
@@ -240,21 +241,24 @@ class CameraStrip(QWidget):
     def show_cameras(self, cameras: tuple[str, ...], on_show: str) -> None:
         """Set the cameras; the main one is left out."""
         for camera in [known for known in self._pictures if known not in cameras]:
-            dropped = self._pictures.pop(camera)
-            layouts.discard(dropped)
+            layouts.discard(self._pictures.pop(camera))
         for camera in cameras:
             if camera not in self._pictures:
                 self._pictures[camera] = picture = SmallPicture(self._theme, self._panel, camera, self)
                 picture.clicked.connect(self._on_clicked)
         self._pictures = {camera: self._pictures[camera] for camera in cameras}
-        for camera, picture in self._pictures.items():
+        for at, (camera, picture) in enumerate(self._pictures.items(), 1):
+            self._row.insertWidget(at, picture)
             picture.setVisible(camera != on_show)
-        self._arrange()
+        self.use_place(self._place)
 
     def use_place(self, place: StripPlace) -> None:
         self._place = place
         self.setVisible(bool(place.side))
-        self._arrange()
+        right = place.side == "right"
+        self._row.setDirection(QBoxLayout.Direction.TopToBottom if right else QBoxLayout.Direction.LeftToRight)
+        for picture in self._pictures.values():
+            picture.setFixedSize(place.picture)
 
     def refresh(self) -> None:
         for picture in self.pictures:
@@ -269,20 +273,6 @@ class CameraStrip(QWidget):
         picture = self.sender()
         if isinstance(picture, SmallPicture):
             self.chosen.emit(picture.camera)
-
-    def _arrange(self) -> None:
-        size, pictures = self._place.picture, self.pictures
-        right = self._place.side == "right"
-        step = QSize(0, size.height() + _GAP_PX) if right else QSize(size.width() + _GAP_PX, 0)
-        length = len(pictures) * (step.height() if right else step.width()) - _GAP_PX
-        lead = max(_GAP_PX, ((self.height() if right else self.width()) - length) // 2)
-        for number, picture in enumerate(pictures):
-            along = lead + number * (step.height() if right else step.width())
-            picture.setGeometry(*((_GAP_PX, along) if right else (along, _GAP_PX)), size.width(), size.height())
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._arrange()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

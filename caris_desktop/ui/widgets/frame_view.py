@@ -338,7 +338,9 @@ class FrameView(QWidget):
                 self._paint_detections(painter)
             if self._freshness == "fresh":
                 self._paint_spot(painter)
-        self._paint_chips(painter)
+        for text, role, place in self._chip_places():
+            paint = partial(self._paint_chip, text, role, place.width())
+            draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
         # The card belongs to the panel: a camera strip may be next to the view.
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
         draw_card_edge(painter, self._theme, card, active=self._panel.active, whole=self.whole_card)
@@ -383,14 +385,10 @@ class FrameView(QWidget):
     def _paint_stale(self, painter: QPainter) -> None:
         text = tr("Picture is {age} old").format(age=text_formatting.age(self._age_s or 0.0))
         font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
-        width = QFontMetricsF(font).horizontalAdvance(text) + 32
-        rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(self._theme.color("video_chip"))
-        painter.drawRoundedRect(rect, 8, 8)
-        painter.setFont(font)
-        painter.setPen(self._theme.color("video_text"))
-        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+        width = math.ceil(QFontMetricsF(font).horizontalAdvance(text)) + 32
+        place = QRectF((self.width() - width) // 2, self.height() // 2 - 22, width, 44)
+        ink, ground = self._theme.color("video_text"), self._theme.color("video_chip")
+        paint_words(painter, place, text, font=font, ink=ink, ground=ground, radius_px=8)
 
     def _paint_detections(self, painter: QPainter) -> None:
         people, frame = self._people, self._frame
@@ -490,11 +488,6 @@ class FrameView(QWidget):
         middle = bounds.center().x() - self._tag_size(text).width() / 2
         self._paint_tag(painter, QPointF(middle, bounds.top() - 26), text, "box_named")
         painter.restore()
-
-    def _paint_chips(self, painter: QPainter) -> None:
-        for text, role, place in self._chip_places():
-            paint = partial(self._paint_chip, text, role, place.width())
-            draw_cached(painter, place.topLeft(), place.size(), ("chip", text, role), paint)
 
     def _chip_places(self) -> list[tuple[str, str, QRectF]]:
         """Texts, roles and rectangles of labels that fit: each in the lower of two rows if it has room there."""

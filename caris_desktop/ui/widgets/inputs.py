@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.widgets.labels import named
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -166,12 +167,12 @@ class DropDown(QComboBox):
     Long text is elided, with the whole in the tooltip; the popup list is as wide as its entries.
     """
 
-    def __init__(self, theme: Theme, name: str, accessible_name: str) -> None:
-        super().__init__()
+    def __init__(self, theme: Theme, name: str, accessible_name: str, **qt: Any) -> None:
+        """``qt``: properties and signals of Qt, such as toolTip and activated."""
+        super().__init__(**qt)
         self._theme = theme
         self._widest_px = 0
-        self.setObjectName(name)
-        self.setAccessibleName(accessible_name)
+        named(self, name, accessible_name)
         # Qt on Linux reports the value instead of the name, with this description.
         self.setAccessibleDescription(accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)

@@ -1,6 +1,6 @@
 """Labels, icons and key caps, with the looks of the style sheet's roles."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -10,6 +10,15 @@ from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme, draw_icon
 
 FIELD_PX = 36
+Named = TypeVar("Named", bound=QWidget)
+
+
+def named(widget: Named, name: str, accessible_name: str = "") -> Named:
+    """Set the object name, by which the style sheet finds the widget, and what a screen reader says."""
+    widget.setObjectName(name)
+    if accessible_name:
+        widget.setAccessibleName(accessible_name)
+    return widget
 
 
 def label(text: str = "", role: str = "", *, tone: str = "", wraps: bool = False, **qt: Any) -> QLabel:
@@ -43,8 +52,8 @@ def restyle(widget: QWidget, **properties: object) -> None:
 class ElidedLabel(QLabel):
     """Label whose lines are elided; its tooltip has the whole text."""
 
-    def __init__(self, *, role: str = "", tone: str = "") -> None:
-        super().__init__()
+    def __init__(self, *, role: str = "", tone: str = "", **qt: Any) -> None:
+        super().__init__(**qt)
         self.setProperty("role", role)
         self.setProperty("tone", tone)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
