@@ -49,7 +49,6 @@ from caris_desktop.recording.annotation.annotation_editing import (
     tiers_of_coder,
 )
 from caris_desktop.recording.annotation.annotation_import import (
-    media_began_ms_of,
     media_spans_ms_of,
     read_csv,
     read_eaf,
@@ -176,7 +175,7 @@ class AnnotationSession(QObject):
         def read() -> AnnotationDocument | str:
             try:
                 if path.suffix.lower() == ".eaf":
-                    return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
+                    return read_eaf(path, coder=coder, media_spans_ms=media_spans_ms_of(self._session.header))
                 return read_csv(
                     path, coder=coder, skipped=skipped, media_spans_ms=media_spans_ms_of(self._session.header)
                 )

@@ -1,7 +1,6 @@
 """Simulated robot: base, head, camera view, LIDAR, navigation, people and map in fixed time steps."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -154,12 +153,12 @@ class Robot:
         self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
         self._believed = START
         self._pose_error = _NO_ERROR
-        self._min_gap_m = math.inf
+        self.min_gap_m = math.inf  # since it was last placed; ``inf`` before the first step
         self._touches_before = 0
         self._commanded = ZERO_TWIST
         self._lease_until_s = -math.inf
         self._steps = 0
-        self._ended: deque[GoalEnded] = deque()
+        self._ended: list[GoalEnded] = []
         self.battery_fraction = 0.93
         self.emergency_stopped = False
         self.mapping_paused = False
@@ -192,11 +191,6 @@ class Robot:
     def touches(self) -> int:
         """Number of collisions since it was last placed."""
         return self._base.collisions - self._touches_before
-
-    @property
-    def min_gap_m(self) -> float:
-        """Minimum clearance since it was last placed; ``inf`` before the first step."""
-        return self._min_gap_m
 
     @property
     def gap_m(self) -> float:
@@ -237,7 +231,7 @@ class Robot:
         self._ended.extend(self.navigation.end("aborted", "the robot was moved to another place"))
         self._base = BaseState(pose_in_map, collisions=self._base.collisions)
         self._touches_before = self._base.collisions
-        self._min_gap_m = self.gap_m
+        self.min_gap_m = self.gap_m
         self._commanded = ZERO_TWIST
         self._pose_error = _NO_ERROR
         self._believed = pose_in_map
@@ -272,8 +266,7 @@ class Robot:
 
     def take_ended_goals(self) -> list[GoalEnded]:
         """Goals that ended since the last call."""
-        ended = list(self._ended)
-        self._ended.clear()
+        ended, self._ended = self._ended, []
         return ended
 
     def step(self) -> None:
@@ -291,7 +284,7 @@ class Robot:
         before = self._base
         self._base = simulated_base.step(before, twist, bodies, model=self.body.base)
         self._drift(before, self._base)
-        self._min_gap_m = min(self._min_gap_m, self.gap_m)
+        self.min_gap_m = min(self.min_gap_m, self.gap_m)
         self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / _BATTERY_LASTS_S)
 
     def scan(self, *, stamp_ns: int) -> LaserScan:
@@ -307,8 +300,18 @@ class Robot:
             model=self.body.lidar or ALL_AROUND,
             frame_id=self.body.laser_frame,
         )
-        self._pose_error = self._less_wrong()
-        self._believed = self._localised()
+        if _within(self._pose_error, 1e-3, 1e-3):
+            self._pose_error = _NO_ERROR
+        elif self.localised:
+            left, error = math.exp(-_SCAN_PERIOD_S / _FINDS_ITSELF_IN_S), self._pose_error
+            self._pose_error = Pose2D(error.x_m * left, error.y_m * left, error.heading_rad * left)
+        pose = self._navigation_pose
+        dx, dy, turn = self._pose_noise.normal(0.0, 1.0, 3).tolist()
+        self._believed = Pose2D(
+            pose.x_m + dx * _LOCALISATION_NOISE_M,
+            pose.y_m + dy * _LOCALISATION_NOISE_M,
+            wrap_angle(pose.heading_rad + turn * _LOCALISATION_NOISE_RAD),
+        )
         if not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
             mount = (self.body.lidar or ALL_AROUND).mount
             mounting = lidar_mounting(mount)
@@ -335,28 +338,9 @@ class Robot:
             return truth
         return Pose2D(truth.x_m + error.x_m, truth.y_m + error.y_m, wrap_angle(truth.heading_rad + error.heading_rad))
 
-    def _less_wrong(self) -> Pose2D:
-        """Localization error after one more scan."""
-        error = self._pose_error
-        if error == _NO_ERROR or not self.localised:
-            return error
-        left = math.exp(-_SCAN_PERIOD_S / _FINDS_ITSELF_IN_S)
-        if _within(error, 1e-3, 1e-3):
-            return _NO_ERROR
-        return Pose2D(error.x_m * left, error.y_m * left, error.heading_rad * left)
-
-    def _localised(self) -> Pose2D:
-        pose = self._navigation_pose
-        dx, dy, turn = self._pose_noise.normal(0.0, 1.0, 3).tolist()
-        return Pose2D(
-            pose.x_m + dx * _LOCALISATION_NOISE_M,
-            pose.y_m + dy * _LOCALISATION_NOISE_M,
-            wrap_angle(pose.heading_rad + turn * _LOCALISATION_NOISE_RAD),
-        )
-
     def _drift(self, before: BaseState, after: BaseState) -> None:
         moved = before.pose_in_map.inverse() @ after.pose_in_map
-        if moved == Pose2D(0.0, 0.0, 0.0):
+        if moved == _NO_ERROR:
             return
         slip = float(self._drift_noise.normal(0.0, 0.02))
         felt = replace(

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -111,13 +112,11 @@ class SpeechOnAction:
     def _on_goal(self, goal_id: str, goal: Message) -> None:
         raw = message_of(goal.get("rawtext", {}), "TtsGoal.rawtext")
         sentence = text_or_empty(raw, "text", "TtsGoal.rawtext").strip()
-        language = text_or_empty(raw, "lang_id", "TtsGoal.rawtext")
-        if not sentence or not language:
-            # PAL's server requires both; the language selects the voice
-            missing = "rawtext.text" if not sentence else "rawtext.lang_id"
-            self._server.finish(
-                GoalStatus(goal_id, action_messages.ABORTED, f"{missing} is empty"), _result("", "aborted")
-            )
+        # PAL's server requires both; the language selects the voice
+        missing = "text" if not sentence else "" if text_or_empty(raw, "lang_id", "TtsGoal.rawtext") else "lang_id"
+        if missing:
+            status = GoalStatus(goal_id, action_messages.ABORTED, f"rawtext.{missing} is empty")
+            self._server.finish(status, {"text": "", "msg": "aborted"})
             return
         self._end("replaced by a newer sentence")
         self._goal_id, self._text, self._begun = goal_id, sentence, False
@@ -153,11 +152,8 @@ class SpeechOnAction:
     def _finish(self, status: int, detail: str) -> None:
         if self._goal_id is not None:
             goal_id, self._goal_id = self._goal_id, None
-            self._server.finish(GoalStatus(goal_id, status, detail), _result(self._text, detail or "succeeded"))
-
-
-def _result(sentence: str, msg: str) -> Message:
-    return {"text": sentence, "msg": msg}
+            result = {"text": self._text, "msg": detail or "succeeded"}
+            self._server.finish(GoalStatus(goal_id, status, detail), result)
 
 
 class RobotTopics:
@@ -248,10 +244,9 @@ class RobotTopics:
             ros.every(5, lambda: ros.publish_stamped(pose, encode_pose, robot.pose_in_map, frame=model.map_frame))
         if model.battery:
             battery = model.battery
-            package, kind = (
-                ("std_msgs", "Float32") if battery.kind == "Float32 percent" else ("sensor_msgs", "BatteryState")
-            )
-            name = ros.publishes(battery.topic, package, kind, latched=True)
+            is_float = battery.kind == "Float32 percent"
+            type_ = ("std_msgs", "Float32") if is_float else ("sensor_msgs", "BatteryState")
+            name = ros.publishes(battery.topic, *type_, latched=True)
             ros.every(50, lambda: self._publish_battery(name, battery))
         self._publish_static_transforms()
 
@@ -278,16 +273,16 @@ class RobotTopics:
         if model.stop_service:
             service = model.stop_service
             ros.serves(service.name, service.package, service.type, partial(self._set_stop, service))
-        ros.obeys("/simulator/fault", "std_msgs", "String", self._on_fault)
+        ros.obeys(
+            "/simulator/fault", "std_msgs", "String", lambda msg: self._inject(message_conversion.decode_string(msg))
+        )
         ros.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
         ros.serves("/simulator/state", "simulator", "State", lambda _: self._state())
         ros.serves("/simulator/reset_pose", "simulator", "ResetPose", self._reset_pose)
 
     def _publish_odometry(self) -> None:
-        ros = self._ros
-        odometry = self._robot.odometry(stamp_ns=ros.stamp_ns())
-        child = ros.frame(ros.model.odometry_frame)
-        encode = message_conversion.encode_odometry
+        ros, encode = self._ros, message_conversion.encode_odometry
+        child, odometry = ros.frame(ros.model.odometry_frame), self._robot.odometry(stamp_ns=ros.stamp_ns())
         ros.publish_stamped(self._odometry, encode, odometry, frame=ros.model.odom_frame, child_frame_id=child)
 
     def _publish_transforms(self) -> None:
@@ -344,12 +339,6 @@ class RobotTopics:
         self._twists_received += 1
         self._last_twist_s = time.monotonic()
         self._robot.drive(twist)
-
-    def _on_fault(self, message: Message) -> None:
-        try:
-            self._inject(message_conversion.decode_string(message))
-        except CallFailed as error:
-            raise MessageError(str(error)) from error
 
     def _inject_fault(self, arguments: Message) -> Message:
         self._inject(text(arguments, "command", "args"))
@@ -762,30 +751,22 @@ class StubCapabilities:
                 raise MessageError(problem)
             self._note(order, goal)
             server.accept(goal_id)
-            self._begin(goal_id, lambda: server.finish(GoalStatus(goal_id, action_messages.SUCCEEDED), result))
+            if goal_id in self._under_way:
+                raise MessageError(f"a goal with the id '{goal_id}' is already active")
+            loop = asyncio.get_running_loop()
+            self._under_way[goal_id] = loop.call_later(ACTION_TAKES_S, end, goal_id, action_messages.SUCCEEDED)
+
+        def end(goal_id: str, status: int) -> None:
+            if timer := self._under_way.pop(goal_id, None):
+                timer.cancel()
+                server.finish(GoalStatus(goal_id, status), result)
 
         def on_cancel(wanted: str) -> None:
             for goal_id in [wanted] if wanted else list(self._under_way):
-                if self._end(goal_id):
-                    server.finish(GoalStatus(goal_id, action_messages.PREEMPTED), result)
+                end(goal_id, action_messages.PREEMPTED)
 
         kind = ActionlibServer if ros1 else Ros2ActionServer
         server: ActionServer = kind(ros, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel)
-
-    def _begin(self, goal_id: str, finish: Callable[[], None]) -> None:
-        def done() -> None:
-            del self._under_way[goal_id]
-            finish()
-
-        if goal_id in self._under_way:
-            raise MessageError(f"a goal with the id '{goal_id}' is already active")
-        self._under_way[goal_id] = asyncio.get_running_loop().call_later(ACTION_TAKES_S, done)
-
-    def _end(self, goal_id: str) -> bool:
-        timer = self._under_way.pop(goal_id, None)
-        if timer is not None:
-            timer.cancel()
-        return timer is not None
 
 
 _LOOK_EVERY_STEPS = 50
@@ -828,8 +809,7 @@ class MapOnRos:
 
     def _publish_change(self) -> None:
         robot = self._ros.robot
-        change = robot.mapper.change() if self._map is not None else None
-        if self._map is None or change is None:
+        if self._map is None or (change := robot.mapper.change()) is None:
             return
         grown = robot.mapper.known_share > self._full_share * (1.0 + _GROWN_BY)
         if self._updates is None or grown or robot.now_s - self._full_s >= _WHOLE_EVERY_S:
@@ -852,13 +832,8 @@ class MapOnRos:
         return message_conversion.encode_occupancy_grid(self._ros.dialect, grid, stamp_ns=stamp_ns, frame_id=frame)
 
     def _serialize(self, arguments: Message) -> Message:
-        try:
-            path = self._files.save_graph(text(arguments, "filename", "args"), *self._ros.robot.mapper.snapshot())
-        except MapFileError as error:
-            logger.warning("The map was not saved: %s", error)
-            return {"result": _NOT_WRITTEN}
-        logger.info("The map was saved: %s", path)
-        return {"result": _SERIALIZED}
+        filename, graph = text(arguments, "filename", "args"), self._ros.robot.mapper.snapshot()
+        return {"result": _SERIALIZED if _is_saved(lambda: self._files.save_graph(filename, *graph)) else _NOT_WRITTEN}
 
     def _deserialize(self, arguments: Message) -> Message:
         match_type = count(arguments, "match_type", "args", most=LOCALIZE_AT_POSE) if "match_type" in arguments else 0
@@ -884,13 +859,8 @@ class MapOnRos:
         return {"status": True}
 
     def _save(self, arguments: Message) -> Message:
-        try:
-            path = self._files.save_picture(text(arguments, "map_url", "args"), self._ros.robot.mapper.cells())
-        except MapFileError as error:
-            logger.warning("The map was not saved: %s", error)
-            return {"result": False}
-        logger.info("The map was saved: %s", path)
-        return {"result": True}
+        url, cells = text(arguments, "map_url", "args"), self._ros.robot.mapper.cells()
+        return {"result": _is_saved(lambda: self._files.save_picture(url, cells))}
 
     def _load(self, arguments: Message) -> Message:
         try:
@@ -900,6 +870,16 @@ class MapOnRos:
             return {"map": self._whole(), "result": _NO_SUCH_MAP if isinstance(error, NoSuchMap) else _INVALID_MAP}
         self._publish_whole()
         return {"map": self._whole(), "result": _LOADED}
+
+
+def _is_saved(save: Callable[[], Path]) -> bool:
+    """False, with a line in the log, if the map cannot be saved."""
+    try:
+        logger.info("The map was saved: %s", save())
+    except MapFileError as error:
+        logger.warning("The map was not saved: %s", error)
+        return False
+    return True
 
 
 _PROGRESS_EVERY_STEPS = 10
@@ -928,20 +908,10 @@ class NavigationTopics:
             ros.every(1, self._publish_new_path)
         if navigation.name is not None:
             ros.every(_PROGRESS_EVERY_STEPS, self._publish_progress)
-            if self._is_ros1:
-                self._server = ActionlibServer(
-                    ros, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
-                )
-            else:
-                self._server = Ros2ActionServer(
-                    ros,
-                    navigation.name,
-                    "nav2_msgs",
-                    "NavigateToPose",
-                    on_goal=self._on_goal,
-                    on_cancel=self._on_cancel,
-                    lists_goals=True,
-                )
+            serve: Callable[..., ActionServer] = partial(ActionlibServer, package="move_base_msgs", kind="MoveBase")
+            if not self._is_ros1:
+                serve = partial(Ros2ActionServer, package="nav2_msgs", kind="NavigateToPose", lists_goals=True)
+            self._server = serve(ros, navigation.name, on_goal=self._on_goal, on_cancel=self._on_cancel)
         ros.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
         if navigation.planner is not None:
             ros.serves(f"{navigation.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
@@ -957,10 +927,8 @@ class NavigationTopics:
 
     def _on_speed_limit(self, message: Message) -> None:
         limit, percentage = decode_speed_limit(message)
-        if limit == NO_LIMIT:
-            self._robot.navigation.limit(CRUISE_MPS)
-        else:
-            self._robot.navigation.limit(limit / 100.0 * CRUISE_MPS if percentage else limit)
+        top_mps = limit / 100.0 * CRUISE_MPS if percentage else limit
+        self._robot.navigation.limit(CRUISE_MPS if limit == NO_LIMIT else top_mps)
 
     def _publish_new_path(self) -> None:
         """Publish the path on each new plan, and an empty one at its end."""

@@ -15,7 +15,7 @@ import socket
 import ssl
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, KeysView, Sequence
 from dataclasses import field
 from functools import cached_property, partial
 from http import HTTPStatus
@@ -119,13 +119,9 @@ class ClientOutbox:
         self.dropped = 0
 
     @property
-    def topics(self) -> set[str]:
+    def topics(self) -> KeysView[str]:
         """Subscribed topics."""
-        return set(self._streams)
-
-    def takes(self, topic: str) -> bool:
-        """True if the client is subscribed to ``topic``."""
-        return topic in self._streams
+        return self._streams.keys()
 
     def subscribe(self, topic: str, key: str, subscription: Subscription) -> None:
         """Add a subscription, or change the one with the same ``key``."""
@@ -174,28 +170,25 @@ class ClientOutbox:
         """Send until cancelled, or until the sender fails, whose error is raised."""
         while True:
             self._filled.clear()
-            pieces, published, wait_s = self._take()
+            if self._answers:
+                await sender.send(self._answers.popleft())
+                continue
+            stream, wait_s = self._next_stream()
+            if stream is None:
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._filled.wait(), wait_s)
+                continue
+            _, published = stream.waiting.popleft()
+            if stream.queue_length:
+                stream.sent_s = self._clock()
+            pieces = self._encoded(stream, published)
+            if not pieces:
+                self._unwritable(published.topic)
             for place, piece in enumerate(pieces, 1):
                 await sender.send(piece, published if place == len(pieces) else None)
-            if pieces:
-                continue
-            try:
-                await asyncio.wait_for(self._filled.wait(), wait_s)
-            except TimeoutError:
-                continue
 
-    def _take(self) -> tuple[list[str | bytes], Published | None, float | None]:
-        """Next pieces and their message, or the remaining throttle time."""
-        if self._answers:
-            return [self._answers.popleft()], None, None
-        while True:
-            pieces, published, wait_s = self._take_published()
-            if pieces or published is None:
-                return pieces, published, wait_s
-            self._unwritable(published.topic)
-
-    def _take_published(self) -> tuple[list[str | bytes], Published | None, float | None]:
-        """As above; without pieces if the message cannot be encoded."""
+    def _next_stream(self) -> tuple[_Stream | None, float | None]:
+        """Stream of the oldest message that may be sent; without one, the time until the next may."""
         now_s, wait_s = self._clock(), None
         first: _Stream | None = None
         for stream in self._streams.values():
@@ -206,14 +199,10 @@ class ClientOutbox:
                 wait_s = ready_in_s if wait_s is None else min(wait_s, ready_in_s)
             elif first is None or stream.waiting[0][0] < first.waiting[0][0]:
                 first = stream
-        if first is None:
-            return [], None, wait_s
-        _, published = first.waiting.popleft()
-        if first.queue_length:
-            first.sent_s = now_s
-        return self._encoded(first, published), published, None
+        return first, wait_s
 
     def _encoded(self, stream: _Stream, published: Published) -> list[str | bytes]:
+        """Pieces to send; none if the message cannot be encoded as requested."""
         match stream.compression:
             case "cbor":
                 # rosbridge fails on splitting binary data, too
@@ -314,7 +303,7 @@ _UNREGISTER_AFTER_S = 10.0
 _REFUSALS_KEPT = 100
 
 
-class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not a fault of the program
+class CallFailed(MessageError):  # noqa: N818 - it is an answer to the caller, not a fault of the program
     """A service refused or failed; the text is its answer."""
 
 
@@ -486,7 +475,7 @@ class BridgeServer:
 
     def has_subscribers(self, name: str) -> bool:
         """True if any client is subscribed to this topic."""
-        return any(client.outbox.takes(name) for client in self.clients)
+        return any(name in client.outbox.topics for client in self.clients)
 
     def publish(self, name: str, message: Message) -> None:
         """Publish a message of the robot, or relay a client's."""
@@ -495,7 +484,12 @@ class BridgeServer:
         published = self._published(name, message)
         if topic.latched:
             topic.last = published
-        self._later(lambda: self._deliver(published))
+
+        def deliver() -> None:
+            for client in self.clients:
+                client.outbox.put(published)
+
+        self._later(deliver)
 
     def set_latched(self, name: str, message: Message) -> None:
         """Set the message for late subscribers of a latched topic, without publishing it."""
@@ -512,10 +506,6 @@ class BridgeServer:
             for client in self.clients:
                 if client.admitted:
                     client.outbox.raw(content)
-
-    def _deliver(self, published: Published) -> None:
-        for client in self.clients:
-            client.outbox.put(published)
 
     def _answer(self, client: Client, operation: Message, request_id: str | None = None) -> None:
         if request_id is not None:
@@ -600,11 +590,14 @@ class BridgeServer:
         try:
             # some clients send JSON in binary frames; CBOR is only sent, never received
             operation = decode_json(content if isinstance(content, str) else content.decode("utf-8"))
-            if not client.admitted:
-                self._admit_by_secret(client, operation)
-                return
-            client.queue.append(operation)
-            self._handle_queue(client)
+            if client.admitted:
+                client.queue.append(operation)
+                self._handle_queue(client)
+            elif operation["op"] == "auth" and introduces_itself(operation, self._secret or "", now_s=self._now_s()):
+                client.admitted = True
+                logger.info("%s has authenticated", client.name)
+            else:
+                self._send_away(client)
         except (ProtocolError, MessageError, UnicodeDecodeError) as error:
             self._note_refusal(f"{client.name}: {error}")
             if not client.admitted:
@@ -629,14 +622,6 @@ class BridgeServer:
         if name not in self._unwritable:
             self._unwritable.add(name)
             self._note_refusal(f"Exception calling subscribe callback: {name} cannot be written as it is asked for")
-
-    def _admit_by_secret(self, client: Client, operation: Message) -> None:
-        secret = self._secret or ""
-        client.admitted = operation["op"] == "auth" and introduces_itself(operation, secret, now_s=self._now_s())
-        if client.admitted:
-            logger.info("%s has authenticated", client.name)
-        else:
-            self._send_away(client)
 
     def _send_away(self, client: Client) -> None:
         logger.warning("%s did not authenticate; its connection is closed", client.name)
@@ -745,7 +730,7 @@ class BridgeServer:
     def _subscribe(self, client: Client, operation: Message) -> None:
         name = _name(operation, "topic")
         what = "subscribe"
-        if not client.outbox.takes(name) and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
+        if name not in client.outbox.topics and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
             raise ProtocolError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
         for key in ("throttle_rate", "fragment_size", "queue_length"):
             # an integer or nothing: neither 200.0 nor null
@@ -794,21 +779,17 @@ class BridgeServer:
             self._answer_call(client, name, arguments, request_id)
 
     def _answer_call(self, client: Client, name: str, arguments: Any, request_id: str | None) -> None:
-        response: Message = {"op": "service_response", "service": name}
         values: Any
-        succeeded = False
         try:
-            values = self._call(name, arguments)
-            succeeded = True
+            values, succeeded = self._call(name, arguments), True
             if self._obeyed_log is not None:
                 self._obeyed_log.write(at_ns=time.monotonic_ns(), client=client.name, service=name, request=arguments)
         except MessageError as error:
-            values = str(error)
-        except CallFailed as error:
-            values = str(error)
-            if self.dialect is Dialect.ROS1:
+            values, succeeded = str(error), False
+            if isinstance(error, CallFailed) and self.dialect is Dialect.ROS1:
                 values = f"service [{name}] responded with an error: b'error processing request: {error}'"
-        self._answer(client, {**response, "values": values, "result": succeeded}, request_id)
+        answer = {"op": "service_response", "service": name, "values": values, "result": succeeded}
+        self._answer(client, answer, request_id)
 
     def _call(self, name: str, arguments: Any) -> Message:
         """Call a service. Raises MessageError for rosbridge's refusals, and CallFailed for the service's."""
@@ -831,11 +812,8 @@ class BridgeServer:
         self._answer(provider, {"op": "call_service", "service": name, "args": arguments}, forwarded_id)
 
         def give_up() -> None:
-            if self._forwarded.pop(forwarded_id, None) is not None:
-                failure = {"op": "service_response", "service": name, "values": "the call timed out", "result": False}
-                self._answer(caller, failure, request_id)
-                if self._services_hold:
-                    self._let_go(caller)
+            if forwarded_id in self._forwarded:
+                self._service_response(caller, {"id": forwarded_id, "values": "the call timed out", "result": False})
 
         asyncio.get_running_loop().call_later(_CLIENT_SERVICE_LIMIT_S, give_up)
 
@@ -846,10 +824,10 @@ class BridgeServer:
         client.services[name] = type_
 
     def _service_response(self, _: Client, operation: Message) -> None:
-        forwarded = self._forwarded.pop(_id(operation) or "", None)
-        if forwarded is None:
+        waiting = self._forwarded.pop(str(operation.get("id")), None)
+        if waiting is None:
             raise ProtocolError("no call is waiting for this service_response")
-        caller, request_id, name = forwarded
+        caller, request_id, name = waiting
         answer = {
             "op": "service_response",
             "service": name,
@@ -916,19 +894,20 @@ BUFFER_BYTES = 256 * 1024
 _STEP_S = 0.1
 
 
-Delivered = Callable[[Published, int], None]
-"""Receives each message of a topic and its size in bytes, once its last piece has been sent."""
-
-
 class ClientWire:
     """Sends to ``socket`` in order.
 
     ``rate_bytes_s`` is queried before each message; None is unlimited. With a rate, messages are delayed by their size,
-    one after the other, and none is dropped.
+    one after the other, and none is dropped. JSON is almost all ASCII, so its characters count as bytes. ``delivered``
+    receives each message of a topic and its size in bytes, once its last piece has been sent.
     """
 
     def __init__(
-        self, socket: ServerConnection, *, rate_bytes_s: Callable[[], float | None], delivered: Delivered | None = None
+        self,
+        socket: ServerConnection,
+        *,
+        rate_bytes_s: Callable[[], float | None],
+        delivered: Callable[[Published, int], None] | None = None,
     ) -> None:
         self._socket = socket
         self._rate_bytes_s = rate_bytes_s
@@ -955,7 +934,7 @@ class ClientWire:
             if self._error is not None:
                 raise self._error
             self._waiting.append((message, of))
-            self._held_bytes += _size(message)
+            self._held_bytes += len(message)
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -968,7 +947,12 @@ class ClientWire:
             async with self._changed:
                 await self._changed.wait_for(lambda: bool(self._waiting))
             message, of = self._waiting[0]
-            await self._transmit(_size(message))
+            # in small steps, so that a rate change applies to the present message, too
+            left_bytes: float = len(message)
+            while left_bytes > 0.0 and (rate_bytes_s := self._rate_bytes_s()) is not None:
+                step_s = min(left_bytes / rate_bytes_s, _STEP_S)
+                await asyncio.sleep(step_s)
+                left_bytes -= step_s * rate_bytes_s
             try:
                 await self._socket.send(message)
             except Exception as error:  # raised to the next sender
@@ -977,23 +961,11 @@ class ClientWire:
                 self._note(message, of)
             async with self._changed:
                 self._waiting.popleft()
-                self._held_bytes -= _size(message)
+                self._held_bytes -= len(message)
                 self._changed.notify_all()
             if self._error is not None:
                 return
 
-    async def _transmit(self, left_bytes: float) -> None:
-        # in small steps, so that a rate change applies to the present message, too
-        while left_bytes > 0.0 and (rate_bytes_s := self._rate_bytes_s()) is not None:
-            step_s = min(left_bytes / rate_bytes_s, _STEP_S)
-            await asyncio.sleep(step_s)
-            left_bytes -= step_s * rate_bytes_s
-
     def _note(self, message: str | bytes, of: Published | None) -> None:
         if of is not None and self._delivered is not None:
             self._delivered(of, of.size_bytes(message))
-
-
-def _size(message: str | bytes) -> int:
-    # JSON is almost all ASCII, so counting characters is accurate enough and free
-    return len(message)

@@ -152,7 +152,8 @@ def run(args: argparse.Namespace) -> int:
         with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
             server = _server_of(args, model, clock, opened)
             ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
-            maps = MapFiles(args.maps_folder or Path(opened.enter_context(_temporary_folder())))
+            temporary = tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
+            maps = MapFiles(args.maps_folder or Path(opened.enter_context(temporary)))
             return asyncio.run(_simulate(args, ros, tls, lines, maps))
     except (_CannotStart, BadSentences, BadVisits, WrongFilesError, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
@@ -216,10 +217,6 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
             raise _CannotStart(f"--people must be between 1 and {len(CHARACTERS)}.")
         return visits_by_chance(args.people, args.seed)
     return None if args.visits is None else read_visits(args.visits)
-
-
-def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="caris-simulator-maps-", ignore_cleanup_errors=True)
 
 
 async def _simulate(
@@ -337,7 +334,6 @@ class DeskCamera:
         self._clients: set[asyncio.StreamWriter] = set()
         self._changed = asyncio.Condition()
         self._picture = b""
-        self._number = 0
 
     @property
     def watched(self) -> bool:
@@ -353,7 +349,6 @@ class DeskCamera:
     async def show(self, jpeg: bytes) -> None:
         async with self._changed:
             self._picture = jpeg
-            self._number += 1
             self._changed.notify_all()
 
     def stop(self) -> None:
@@ -371,7 +366,15 @@ class DeskCamera:
             self._clients.add(writer)
             kind = b"multipart/x-mixed-replace; boundary=" + _BOUNDARY
             writer.write(b"HTTP/1.1 200 OK\r\nConnection: close\r\nContent-Type: " + kind + b"\r\n\r\n")
-            await self._send_pictures(writer)
+            picture = self._picture
+            while True:
+                async with self._changed:
+                    while self._picture is picture:
+                        await self._changed.wait()
+                    picture = self._picture
+                head = f"Content-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n".encode()
+                writer.write(b"--" + _BOUNDARY + b"\r\n" + head + picture + b"\r\n")
+                await writer.drain()
         except (OSError, EOFError, asyncio.LimitOverrunError, TimeoutError):
             pass  # the client left, or speaks another protocol
         finally:
@@ -379,17 +382,6 @@ class DeskCamera:
             writer.close()
             with contextlib.suppress(OSError, asyncio.CancelledError):
                 await writer.wait_closed()
-
-    async def _send_pictures(self, writer: asyncio.StreamWriter) -> None:
-        sent = self._number
-        while True:
-            async with self._changed:
-                while self._number == sent:
-                    await self._changed.wait()
-                sent, picture = self._number, self._picture
-            head = f"Content-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n".encode()
-            writer.write(b"--" + _BOUNDARY + b"\r\n" + head + picture + b"\r\n")
-            await writer.drain()
 
 
 async def _film_from_desk(camera: CameraProcess, robot: Robot, desk: DeskCamera) -> None:

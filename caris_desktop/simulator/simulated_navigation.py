@@ -36,8 +36,9 @@ def plan(
         How far from the goal the way may end where the goal itself is not free.
     """
     clearance = _clearance()
-    if avoid is not None and len(avoid):
-        clearance = np.minimum(clearance, _clearance_of_circles(avoid))
+    xs, ys = _axes()
+    for x, y, radius in [] if avoid is None else avoid.tolist():
+        clearance = np.minimum(clearance, np.hypot(xs[None, :] - x, ys[:, None] - y) - radius)
     free = clearance >= body_m
     goal_cell = _nearest_free(goal, free, give_way_m)
     start_cell = _nearest_free(start, free, 0.6)
@@ -48,7 +49,7 @@ def plan(
     if field[start_cell] >= _WALL_COST:
         return None
     cells = _downhill(field, start_cell, goal_cell)
-    points = [_middle(cell) for cell in cells]
+    points = [(MAP_ORIGIN_M[0] + (x + 0.5) * CELL_M, MAP_ORIGIN_M[1] + (y + 0.5) * CELL_M) for y, x in cells]
     points[0] = start
     if math.dist(points[-1], goal) <= CELL_M:
         points[-1] = goal
@@ -84,32 +85,11 @@ def _axes() -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     return (MAP_ORIGIN_M[0] + (np.arange(COLUMNS) + 0.5) * CELL_M, MAP_ORIGIN_M[1] + (np.arange(ROWS) + 0.5) * CELL_M)
 
 
-def _clearance_of_circles(circles: NDArray[np.float64]) -> NDArray[np.float64]:
-    xs, ys = _axes()
-    clearance = np.full((ROWS, COLUMNS), np.inf)
-    for x, y, radius in circles.tolist():
-        clearance = np.minimum(clearance, np.hypot(xs[None, :] - x, ys[:, None] - y) - radius)
-    return clearance
-
-
-def _cell(point: Point) -> tuple[int, int]:
-    column = int((point[0] - MAP_ORIGIN_M[0]) / CELL_M)
-    row = int((point[1] - MAP_ORIGIN_M[1]) / CELL_M)
-    return min(max(row, 0), ROWS - 1), min(max(column, 0), COLUMNS - 1)
-
-
-def _middle(cell: tuple[int, int]) -> Point:
-    return MAP_ORIGIN_M[0] + (cell[1] + 0.5) * CELL_M, MAP_ORIGIN_M[1] + (cell[0] + 0.5) * CELL_M
-
-
 def _nearest_free(point: Point, free: NDArray[np.bool_], within_m: float) -> tuple[int, int] | None:
-    x, y = point
-    if not (
-        MAP_ORIGIN_M[0] <= x <= MAP_ORIGIN_M[0] + MAP_SIZE_M[0]
-        and MAP_ORIGIN_M[1] <= y <= MAP_ORIGIN_M[1] + MAP_SIZE_M[1]
-    ):
+    x, y = point[0] - MAP_ORIGIN_M[0], point[1] - MAP_ORIGIN_M[1]
+    if not (0.0 <= x <= MAP_SIZE_M[0] and 0.0 <= y <= MAP_SIZE_M[1]):
         return None
-    cell = _cell(point)
+    cell = min(int(y / CELL_M), ROWS - 1), min(int(x / CELL_M), COLUMNS - 1)
     if free[cell]:
         return cell
     rows, columns = np.nonzero(free)
@@ -144,15 +124,14 @@ def _cost_to_go(cost: NDArray[np.float64], goal: tuple[int, int]) -> NDArray[np.
 
 def _downhill(field: NDArray[np.float64], start: tuple[int, int], goal: tuple[int, int]) -> list[tuple[int, int]]:
     cells = [start]
-    row, column = start
-    while (row, column) != goal and len(cells) < ROWS * COLUMNS:
+    while cells[-1] != goal:  # each cell costs less than the one before
+        row, column = cells[-1]
         r0, c0 = max(row - 1, 0), max(column - 1, 0)
         around = field[r0 : row + 2, c0 : column + 2]
         best = np.unravel_index(int(around.argmin()), around.shape)
         following = (r0 + int(best[0]), c0 + int(best[1]))
         if field[following] >= field[row, column]:
             break
-        row, column = following
         cells.append(following)
     return cells
 

@@ -106,10 +106,7 @@ class _Role(Value):
     rounds: tuple[tuple[Point, float], ...]
     visits_robot: bool = False
     visit: Visit | None = None
-
-    @property
-    def appearance(self) -> Appearance | None:
-        return None if self.visit is None else Appearance(self.visit.person, self.visit.clothes)
+    appearance: Appearance | None = None
 
 
 _ROLES: tuple[_Role, ...] = built(tuple[_Role, ...], shipped_data("people.yaml"))
@@ -130,18 +127,6 @@ class _Person:
         self.visiting = False
         self.visit_left_s = 0.0
 
-    @property
-    def turned_away_rad(self) -> float:
-        """Angle by which a visitor has turned away from the robot, to be seen from every side."""
-        if self.role.visit is None:
-            return 0.0
-        return math.pi / 2.0 * (int(self.visit_left_s / _TURNS_EVERY_S) % 4)
-
-
-def _visiting(visit: Visit) -> _Role:
-    height_m = CHARACTERS[visit.person].height_m
-    return _Role(0, height_m, 1.1, OUTSIDE, ((OUTSIDE, 1.0),), visits_robot=True, visit=visit)
-
 
 class Crowd:
     """All people in the building. Equal seed and robot motion give equal walks.
@@ -157,10 +142,8 @@ class Crowd:
         self._now_s = 0.0
         self._expected = deque(sorted(visits or (), key=lambda visit: visit.comes_s))
         self._came = 0
-        if visits is not None:
-            self._people: list[_Person] = []
-            return
-        self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(_ROLES)]  # noqa: S311 - walks, no secrets
+        roles = _ROLES if visits is None else ()
+        self._people = [_Person(role, random.Random(f"{seed}/{index}")) for index, role in enumerate(roles)]  # noqa: S311 - walks, no secrets
 
     @property
     def bodies(self) -> NDArray[np.float64]:
@@ -206,14 +189,18 @@ class Crowd:
         while self._expected and self._expected[0].comes_s <= self._now_s:
             visit = self._expected.popleft()
             self._came += 1
-            self._people.append(_Person(_visiting(visit), random.Random(f"{self._seed}/{self._came}")))  # noqa: S311
+            height_m, appearance = CHARACTERS[visit.person].height_m, Appearance(visit.person, visit.clothes)
+            role = _Role(0, height_m, 1.1, OUTSIDE, ((OUTSIDE, 1.0),), True, visit, appearance)
+            self._people.append(_Person(role, random.Random(f"{self._seed}/{self._came}")))  # noqa: S311
 
     def _stand(self, person: _Person, robot: Pose2D, dt_s: float) -> None:
         person.walking = False
         person.wait_s -= dt_s
         if person.visiting:
             person.visit_left_s -= dt_s
-            heading_rad = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m) + person.turned_away_rad
+            heading_rad = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m)
+            if person.role.visit is not None:  # turned away from the robot, to be seen from every side
+                heading_rad += math.pi / 2.0 * (int(person.visit_left_s / _TURNS_EVERY_S) % 4)
             person.heading_rad += min(max(wrap_angle(heading_rad - person.heading_rad), -3.0 * dt_s), 3.0 * dt_s)
         if person.wait_s > 0.0:
             return

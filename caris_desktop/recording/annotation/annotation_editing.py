@@ -178,17 +178,11 @@ def remove_annotation(document: AnnotationDocument, annotation_id: str) -> Annot
 def free_interval(document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int) -> tuple[int, int] | None:
     """The longest free part of the interval on the tier within the session; None if it is fully covered."""
     start_ms, end_ms = max(start_ms, 0), min(end_ms, document.duration_ms) if document.duration_ms else end_ms
-    best: tuple[int, int] | None = None
-    at_ms = start_ms
-    taken = [item for item in document.of_tier(tier_id) if item.end_ms > start_ms]
-    for begin_ms, until_ms in [*((item.start_ms, item.end_ms) for item in taken), (end_ms, end_ms)]:
-        free_until_ms = min(begin_ms, end_ms)
-        if free_until_ms > at_ms and (best is None or free_until_ms - at_ms > best[1] - best[0]):
-            best = (at_ms, free_until_ms)
-        at_ms = max(at_ms, until_ms)
-        if begin_ms >= end_ms:
-            break
-    return best
+    taken = [item for item in document.of_tier(tier_id) if item.end_ms > start_ms and item.start_ms < end_ms]
+    begins_ms = [start_ms, *(item.end_ms for item in taken)]
+    ends_ms = [*(item.start_ms for item in taken), end_ms]
+    longest = max(zip(begins_ms, ends_ms, strict=True), key=lambda free: free[1] - free[0])
+    return longest if longest[0] < longest[1] else None
 
 
 # Vocabularies
@@ -318,8 +312,13 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
     vocabularies: dict[str, Vocabulary] = {}
     for document in documents:
         for vocabulary in document.vocabularies:
-            before = vocabularies.get(vocabulary.name)
-            vocabularies[vocabulary.name] = vocabulary if before is None else _united(before, vocabulary)
+            first = vocabularies.setdefault(vocabulary.name, vocabulary)
+            known = {entry.value for entry in first.entries}
+            vocabularies[vocabulary.name] = replace(
+                first,
+                entries=(*first.entries, *(entry for entry in vocabulary.entries if entry.value not in known)),
+                description=first.description or vocabulary.description,
+            )
         new_ids = {}
         for tier in document.tiers:
             new_ids[tier.tier_id] = tier_id = free_name(tier.tier_id, "", tiers.__contains__)
@@ -570,15 +569,6 @@ def _plain_vocabulary(vocabulary: Vocabulary) -> Vocabulary:
             )
     return Vocabulary(
         _name(vocabulary.name, QT_TR_NOOP("A vocabulary needs a name.")), entries, plain_text(vocabulary.description)
-    )
-
-
-def _united(first: Vocabulary, second: Vocabulary) -> Vocabulary:
-    known = {entry.value for entry in first.entries}
-    return replace(
-        first,
-        entries=(*first.entries, *(entry for entry in second.entries if entry.value not in known)),
-        description=first.description or second.description,
     )
 
 

@@ -10,9 +10,10 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Literal
@@ -41,7 +42,7 @@ from caris_desktop.recording.annotation.annotation_model import (
 )
 from caris_desktop.recording.annotation.annotation_store import file_content
 from caris_desktop.recording.csv_cells import read_cell
-from caris_desktop.recording.session.session_header import SessionHeader
+from caris_desktop.recording.session.session_header import AudioInfo, SessionHeader, VideoInfo
 
 _MOST_ROWS = 500_000
 _BORIS_HEADED_WITHIN = 50
@@ -127,17 +128,10 @@ class _Columns(Value):
 
 
 def _text(content: bytes) -> str:
-    encodings = ["utf-8-sig"]
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encodings = ["utf-16"]
-    for encoding in (*encodings, "cp1252"):
-        try:
-            text = content.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" in text:
-            break
-        return text
+    for encoding in ("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            if "\0" not in (text := content.decode(encoding)):
+                return text
     raise AnnotationError(QT_TR_NOOP("The file is not a text file. Save the table as CSV in UTF-8."))
 
 
@@ -214,17 +208,25 @@ def _document_of_table(
         if len(row.tier) > LONGEST_NAME or len(row.value) > LONGEST_VALUE:
             raise AnnotationError(QT_TR_NOOP("Line {number}: a text is too long."), number=row.number)
         whose = row.coder or coder
-        tier_id = f"csv-{len(tiers) + 1}"
         tier = tiers.setdefault(
             (whose, row.tier, row.participant if of_boris else ""),
-            Tier(tier_id, row.tier, whose, row.vocabulary, row.participant),
+            Tier(f"csv-{len(tiers) + 1}", row.tier, whose, row.vocabulary, row.participant),
         )
-        annotation = Annotation(f"csv-{len(annotations) + 1}", tier.tier_id, row.start_ms, row.end_ms, row.value)
-        annotations.append(annotation)
-        lines_of[annotation.annotation_id] = row.number
-    annotations = with_moments(annotations)
-    _refuse_overlaps(annotations, {tier.tier_id: tier.title for tier in tiers.values()}, lines_of)
-    document = sorted_document(AnnotationDocument(tuple(tiers.values()), annotations=tuple(annotations)))
+        annotation_id = f"csv-{len(annotations) + 1}"
+        annotations.append(Annotation(annotation_id, tier.tier_id, row.start_ms, row.end_ms, row.value))
+        lines_of[annotation_id] = row.number
+    document = sorted_document(AnnotationDocument(tuple(tiers.values()), annotations=tuple(with_moments(annotations))))
+    for earlier, item in pairwise(document.annotations):
+        if earlier.tier_id == item.tier_id and item.start_ms < earlier.end_ms:
+            raise AnnotationError(
+                QT_TR_NOOP(
+                    "Line {number} overlaps line {earlier} on the tier “{tier}”. Annotations on the same "
+                    "tier must not overlap: change one of them, or move it to another tier."
+                ),
+                number=lines_of[item.annotation_id],
+                earlier=lines_of[earlier.annotation_id],
+                tier=next(tier.title for tier in tiers.values() if tier.tier_id == item.tier_id),
+            )
     vocabularies = (
         Vocabulary(name, tuple(map(VocabularyEntry, sorted(values)))) for name, values in document.values_used().items()
     )
@@ -264,59 +266,80 @@ def _rows_of_boris(lines: list[_Line], media: Mapping[str, tuple[int, int]]) -> 
     and older versions precede them with lines on the observation.
     """
     for at, line in enumerate(lines[:_BORIS_HEADED_WITHIN]):
-        headings = [cell.strip().lower() for cell in line.cells]
-        if "behavior" not in headings or "subject" not in headings:
-            continue
-        where = {name: headings.index(name) for name in headings}
-        start = next((where[name] for name in ("start (s)", "start") if name in where), None)
-        stop = next((where[name] for name in ("stop (s)", "stop") if name in where), None)
-        kind = next((where[name] for name in ("behavior type", "status", "type") if name in where), None)
-        if start is not None and stop is not None:
-            return _of_boris(lines[at + 1 :], where, media, partial(_aggregated, start=start, stop=stop, kind=kind))
-        if "time" in where and kind is not None:
-            pairing = _Pairing(where["time"], kind, where)
-            return _of_boris(lines[at + 1 :], where, media, pairing.take, pairing.open)
+        where = {cell.strip().lower(): column for column, cell in reversed([*enumerate(line.cells)])}
+        start, stop, kind = (
+            next((where[name] for name in names if name in where), None)
+            for names in (("start (s)", "start"), ("stop (s)", "stop"), ("behavior type", "status", "type"))
+        )
+        if start is None or stop is None:
+            start, stop = where.get("time"), None
+        if {"behavior", "subject"} <= where.keys() and start is not None and (stop is not None or kind is not None):
+            return _of_boris(lines[at + 1 :], where, media, _boris_events(lines[at + 1 :], where, start, stop, kind))
     return None
 
 
-_Told = list[tuple[_Line, int, int]] | str
-"""Rows with their times, or why a row is none."""
+def _boris_events(
+    lines: list[_Line], where: dict[str, int], start: int, stop: int | None, kind: int | None
+) -> Iterator[tuple[_Line, int, int] | str]:
+    """Events of the first observation with their times, or why a row is none. Without the column ``stop``, starts and
+    stops are rows of their own.
+    """
+    observation = where.get("observation id")
+    first = next(filter(None, (_cell(line, observation) for line in lines)), "")
+    same = [where["subject"], where["behavior"], *_modifier_columns(where)]
+    begun: dict[tuple[str, ...], list[tuple[_Line, int]]] = {}
+    unfinished = QT_TR_NOOP("with a start but no stop")
+    for line in lines:
+        at_ms, status = _milliseconds(_cell(line, start), 1000), _cell(line, kind).upper()
+        waiting = begun.setdefault(tuple(_cell(line, column) for column in same), [])
+        if _cell(line, observation) != first:
+            yield QT_TR_NOOP("of another observation")
+        elif at_ms is None:
+            yield QT_TR_NOOP("without a time")
+        elif stop is not None:
+            end_ms = _milliseconds(_cell(line, stop), 1000)
+            if end_ms is None and status == "STATE":
+                yield unfinished
+            else:
+                yield line, at_ms, at_ms if end_ms is None else end_ms
+        elif status == "START":
+            waiting.append((line, at_ms))
+        elif status == "STOP":
+            yield (*waiting.pop(0), at_ms) if waiting else QT_TR_NOOP("with a stop but no start")
+        elif status == "POINT":
+            yield line, at_ms, at_ms
+        else:
+            yield QT_TR_NOOP("that are neither start, stop nor point")
+    yield from (unfinished for waiting in begun.values() for _ in waiting)
+
+
+def _modifier_columns(where: dict[str, int]) -> list[int]:
+    return sorted(column for name, column in where.items() if name.startswith("modifier"))
 
 
 def _of_boris(
     lines: list[_Line],
     where: dict[str, int],
     media: Mapping[str, tuple[int, int]],
-    read: Callable[[_Line], _Told],
-    unfinished: Mapping[tuple[str, ...], list[tuple[_Line, int]]] = {},
+    events: Iterator[tuple[_Line, int, int] | str],
 ) -> tuple[list[_Row], list[str]]:
-    observation = where.get("observation id")
-    first = next(filter(None, (_cell(line, observation) for line in lines)), "")
     subjects = {_cell(line, where["subject"]) for line in lines}
-    modifiers = [column for name, column in where.items() if name.startswith("modifier")]
     file_name, moved_ms = _coded_media(lines, where, media)
     rows: list[tuple[_Row, str]] = []
     left_out: Counter[str] = Counter()
-    for line in lines:
-        if _cell(line, observation) != first:
-            left_out[QT_TR_NOOP("of another observation")] += 1
+    for event in events:
+        if isinstance(event, str):
+            left_out[event] += 1
             continue
-        found = read(line)
-        if isinstance(found, str):
-            left_out[found] += bool(found)
-            continue
-        for begun, start_ms, end_ms in found:
-            behaviour, subject = (plain_text(_cell(begun, where[name])) for name in ("behavior", "subject"))
-            modifier_values = [
-                plain_text(cell) for column in modifiers if (cell := _cell(begun, column)) not in ("", "None")
-            ]
-            modified = f" ({', '.join(modifier_values)})" if modifier_values else ""
-            tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
-            times_ms = (start_ms + moved_ms, end_ms + moved_ms)
-            row = _Row(begun.number, tier or DEFAULT_TIER, behaviour + modified, *times_ms, participant=subject)
-            rows.append((row, modified))
-    if any(unfinished.values()):
-        left_out[QT_TR_NOOP("with a start but no stop")] += sum(map(len, unfinished.values()))
+        line, start_ms, end_ms = event
+        behaviour, subject = (plain_text(_cell(line, where[name])) for name in ("behavior", "subject"))
+        modifiers = [_cell(line, column) for column in _modifier_columns(where)]
+        modifiers = [plain_text(modifier) for modifier in modifiers if modifier not in ("", "None")]
+        modified = f" ({', '.join(modifiers)})" if modifiers else ""
+        tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
+        times_ms = (start_ms + moved_ms, end_ms + moved_ms)
+        row = _Row(line.number, tier or DEFAULT_TIER, behaviour + modified, *times_ms, participant=subject)
+        rows.append((row, modified))
     if not rows:
         raise AnnotationError(QT_TR_NOOP("This BORIS table contains no event with a time."))
     notes: list[str] = [
@@ -359,46 +382,6 @@ def _apart(rows: list[tuple[_Row, str]]) -> list[_Row]:
     return [replace(row, tier=row.tier + modified) if row.tier in overlapping else row for row, modified in rows]
 
 
-def _aggregated(line: _Line, start: int, stop: int, kind: int | None) -> _Told:
-    start_ms = _milliseconds(_cell(line, start), 1000)
-    end_ms = _milliseconds(_cell(line, stop), 1000)
-    if start_ms is None:
-        return QT_TR_NOOP("without a time")
-    if end_ms is None and _cell(line, kind).upper() == "STATE":
-        return QT_TR_NOOP("with a start but no stop")
-    return [(line, start_ms, start_ms if end_ms is None else end_ms)]
-
-
-class _Pairing:
-    """Pairs the starts and stops of BORIS state events row by row."""
-
-    def __init__(self, time: int, kind: int, where: dict[str, int]) -> None:
-        modifiers = [column for name, column in where.items() if name.startswith("modifier")]
-        self._time, self._kind = time, kind
-        self._same = [where["subject"], where["behavior"], *modifiers]
-        self.open: dict[tuple[str, ...], list[tuple[_Line, int]]] = {}
-
-    def take(self, line: _Line) -> _Told:
-        at_ms = _milliseconds(_cell(line, self._time), 1000)
-        if at_ms is None:
-            return QT_TR_NOOP("without a time")
-        key = tuple(_cell(line, column) for column in self._same)
-        match _cell(line, self._kind).upper():
-            case "START":
-                self.open.setdefault(key, []).append((line, at_ms))
-                return []
-            case "STOP":
-                begun = self.open.get(key)
-                if not begun:
-                    return QT_TR_NOOP("with a stop but no start")
-                first, start_ms = begun.pop(0)
-                return [(first, start_ms, at_ms)]
-            case "POINT":
-                return [(line, at_ms, at_ms)]
-            case _:
-                return QT_TR_NOOP("that are neither start, stop nor point")
-
-
 def _values(line: _Line, columns: _Columns) -> list[tuple[str, str]]:
     """(tier, value) of each annotation of the row."""
     if columns.tiers:
@@ -406,23 +389,6 @@ def _values(line: _Line, columns: _Columns) -> list[tuple[str, str]]:
         return [(name, value) for name, value in cells if value]
     name = plain_text(_cell(line, columns.tier)) or DEFAULT_TIER
     return [(name, plain_text(_cell(line, columns.value)))]
-
-
-def _refuse_overlaps(annotations: Sequence[Annotation], names: dict[str, str], lines_of: dict[str, int]) -> None:
-    before: dict[str, Annotation] = {}
-    for item in sorted(annotations, key=lambda item: item.start_ms):
-        earlier = before.get(item.tier_id)
-        if earlier is not None and item.start_ms < earlier.end_ms:
-            raise AnnotationError(
-                QT_TR_NOOP(
-                    "Line {number} overlaps line {earlier} on the tier “{tier}”. Annotations on the same "
-                    "tier must not overlap: change one of them, or move it to another tier."
-                ),
-                number=lines_of[item.annotation_id],
-                earlier=lines_of[earlier.annotation_id],
-                tier=names[item.tier_id],
-            )
-        before[item.tier_id] = item
 
 
 def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
@@ -439,19 +405,18 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
     }
     if _WHOLE_SESSION in headings:
         where["participant"] = None
+    if start is None and end is None and where["value"] is None:
+        return None
     if start is None or end is None:
-        if start is None and end is None and where["value"] is None:
-            return None
-        missing = QT_TR_NOOP(
+        no_start = QT_TR_NOOP(
+            "Line {number}: the header has no column for the start of the annotations. Name the columns start_s "
+            "and end_s, or start_ms and end_ms."
+        )
+        no_end = QT_TR_NOOP(
             "Line {number}: the header has no column for the end of the annotations. Name the columns start_s and "
             "end_s, or start_ms and end_ms."
         )
-        if start is None:
-            missing = QT_TR_NOOP(
-                "Line {number}: the header has no column for the start of the annotations. Name the columns start_s "
-                "and end_s, or start_ms and end_ms."
-            )
-        raise AnnotationError(missing, number=lines[0].number)
+        raise AnnotationError(no_start if start is None else no_end, number=lines[0].number)
     tiers: tuple[tuple[int, str], ...] = ()
     if where["value"] is None:
         names = lines[0].cells
@@ -464,8 +429,7 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
                 QT_TR_NOOP("Line {number}: the header has no column for the value. Name that column value."),
                 number=lines[0].number,
             )
-    data = lines[1:]
-    factors = _factors_of(data, start, end, units[start], units[end])
+    factors = _factors_of(lines[1:], start, end, units[start], units[end])
     return _Columns(start, end, factors, tiers=tiers, **where)
 
 
@@ -587,11 +551,13 @@ _MOST_ELEMENTS = 2_000_000
 _log = logging.getLogger(__name__)
 
 
-def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] | None = None) -> AnnotationDocument:
+def read_eaf(
+    path: Path, *, coder: str = "", media_spans_ms: Mapping[str, tuple[int, int]] | None = None
+) -> AnnotationDocument:
     """Read tiers, vocabularies and annotations of an .eaf, in milliseconds of the document.
 
-    The coded media may be a session's own video rather than our export: ``media_began_ms`` (see
-    :func:`media_began_ms_of`) gives the start of each media file, and the times are shifted to session time.
+    The coded media may be a session's own video rather than our export: ``media_spans_ms`` (see
+    :func:`media_spans_ms_of`) gives the start of each media file, and the times are shifted to session time.
 
     ``coder`` owns the tiers without an annotator; tiers that this program derived from the recording stay without a
     coder. Time slots without a value are spread evenly between known ones, and annotations that refer to others share
@@ -602,25 +568,18 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
     content = file_content(path)
     try:
         root = _parse(content)
-        return _document_of_eaf(root, coder, _moved_ms(root, media_began_ms or {}))
+        return _document_of_eaf(root, coder, _moved_ms(root, media_spans_ms or {}))
     except AnnotationError as error:
         raise AnnotationError(QT_TR_NOOP("{file} cannot be imported. {error}"), file=path.name, error=error) from error
 
 
-def media_began_ms_of(header: SessionHeader) -> dict[str, int]:
-    """Start of each video and audio file of a session by name, in ms from the session start."""
-    first_ns = {one.file_name: one.first_stamp_ns for one in header.videos}
-    first_ns |= {one.file_name: one.first_stamp_ns for one in header.audio}
-    return {name: round((stamp_ns - header.started_ns) / 1e6) for name, stamp_ns in first_ns.items()}
-
-
 def media_spans_ms_of(header: SessionHeader) -> dict[str, tuple[int, int]]:
     """Start and end of each video and audio file of a session by name, in ms from the session start."""
-    ends_ns = {one.file_name: one.last_stamp_ns for one in header.videos}
-    ends_ns |= {one.file_name: one.last_stamp_ns for one in header.audio}
+    began_ns = header.started_ns
+    media: tuple[VideoInfo | AudioInfo, ...] = (*header.videos, *header.audio)
     return {
-        name: (began_ms, round((ends_ns[name] - header.started_ns) / 1e6))
-        for name, began_ms in media_began_ms_of(header).items()
+        one.file_name: (round((one.first_stamp_ns - began_ns) / 1e6), round((one.last_stamp_ns - began_ns) / 1e6))
+        for one in media
     }
 
 
@@ -666,21 +625,21 @@ def _parse(content: bytes) -> Element:
     return root
 
 
-def _moved_ms(root: Element, began_ms: Mapping[str, int]) -> int:
+def _moved_ms(root: Element, media_spans_ms: Mapping[str, tuple[int, int]]) -> int:
     """Offset from document time to session time in ms, by the first linked media file that belongs to the session."""
     if any(item.get("NAME") == PROPERTY for item in root.iterfind("HEADER/PROPERTY")):
         return 0  # our export, already in session time
     for media in root.iterfind("HEADER/MEDIA_DESCRIPTOR"):
         name = unquote(media.get("MEDIA_URL", "")).replace("\\", "/").rpartition("/")[2]
         origin = media.get("TIME_ORIGIN", "0")
-        if name in began_ms and re.fullmatch(r"-?[0-9]{1,10}", origin):
-            return began_ms[name] + int(origin)
+        if name in media_spans_ms and re.fullmatch(r"-?[0-9]{1,10}", origin):
+            return media_spans_ms[name][0] + int(origin)
     return 0
 
 
 def _document_of_eaf(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
     ours = _noted(root)
-    vocabularies = {vocabulary.name: vocabulary for vocabulary in map(_vocabulary, root.iter("CONTROLLED_VOCABULARY"))}
+    declared = {vocabulary.name: vocabulary for vocabulary in map(_vocabulary, root.iter("CONTROLLED_VOCABULARY"))}
     vocabulary_of_type = {
         kind.get("LINGUISTIC_TYPE_ID", ""): plain_text(kind.get("CONTROLLED_VOCABULARY_REF", ""))
         for kind in root.iter("LINGUISTIC_TYPE")
@@ -693,13 +652,13 @@ def _document_of_eaf(root: Element, coder: str, moved_ms: int) -> AnnotationDocu
             raise AnnotationError(duplicate if xml_name else missing, tier=xml_name)
         tier_id, name = ours.tiers.get(xml_name, ("", ""))
         whose = plain_text(element.get("ANNOTATOR", "")).strip()
-        vocabulary = vocabulary_of_type.get(element.get("LINGUISTIC_TYPE_REF", ""), "")
+        named = vocabulary_of_type.get(element.get("LINGUISTIC_TYPE_REF", ""), "")
         tiers[xml_name] = Tier(
             tier_id=tier_id or f"eaf-{len(tiers) + 1}",
             name=name or plain_text(xml_name)[:LONGEST_NAME],
             # One of our tiers without a coder was derived from the recording.
             coder=whose or ("" if tier_id else coder),
-            vocabulary=vocabulary if vocabulary in vocabularies else "",
+            vocabulary=named if named in declared else "",
             participant=plain_text(element.get("PARTICIPANT", "")),
         )
     items = {item.xml_id: item for item in _items(root)}
@@ -718,10 +677,16 @@ def _document_of_eaf(root: Element, coder: str, moved_ms: int) -> AnnotationDocu
         annotations.append(Annotation(annotation_id, tier.tier_id, start_ms, end_ms, item.value))
     document = sorted_document(
         AnnotationDocument(
-            tuple(tiers.values()), tuple(vocabularies.values()), tuple(with_moments(annotations)), ours.duration_ms
+            tuple(tiers.values()), tuple(declared.values()), tuple(with_moments(annotations)), ours.duration_ms
         )
     )
-    document = _with_values_used(document)
+    used = document.values_used()
+    vocabularies = []
+    for vocabulary in document.vocabularies:
+        known = {entry.value for entry in vocabulary.entries}
+        added = tuple(VocabularyEntry(value) for value in used.get(vocabulary.name, {}) if value not in known)
+        vocabularies.append(replace(vocabulary, entries=(*vocabulary.entries, *added)))
+    document = replace(document, vocabularies=tuple(vocabularies))
     check_document(document)
     return document
 
@@ -861,13 +826,3 @@ def _in_sequence(parts: list[_Item]) -> list[_Item]:
         ordered.append(at)
         at = following.get(at.xml_id)
     return ordered if len({item.xml_id for item in ordered}) == len(parts) else parts
-
-
-def _with_values_used(document: AnnotationDocument) -> AnnotationDocument:
-    used = document.values_used()
-    vocabularies = []
-    for vocabulary in document.vocabularies:
-        known = {entry.value for entry in vocabulary.entries}
-        added = tuple(VocabularyEntry(value) for value in used.get(vocabulary.name, {}) if value not in known)
-        vocabularies.append(replace(vocabulary, entries=(*vocabulary.entries, *added)))
-    return replace(document, vocabularies=tuple(vocabularies))

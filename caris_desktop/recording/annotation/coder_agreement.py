@@ -315,17 +315,11 @@ def _percent(share: float | None) -> str:
 
 
 def _matches(result: TierAgreement) -> str:
-    alone = [
-        sum(
-            row[column]
-            for one, row in zip(result.per_annotation.labels, result.per_annotation.matrix, strict=True)
-            for column, other in enumerate(result.per_annotation.labels)
-            if (one, other)[side] == UNMATCHED
-        )
-        for side in (1, 0)
-    ]
+    labels, matrix = result.per_annotation.labels, result.per_annotation.matrix
+    only_first = sum(row[at] for at, label in enumerate(labels) if label == UNMATCHED for row in matrix)
+    only_second = sum(sum(row) for label, row in zip(labels, matrix, strict=True) if label == UNMATCHED)
     matched = result.offsets.matched if result.offsets is not None else 0
-    return f"{matched} matched, {alone[0]} only by {result.coders[0]}, {alone[1]} only by {result.coders[1]}"
+    return f"{matched} matched, {only_first} only by {result.coders[0]}, {only_second} only by {result.coders[1]}"
 
 
 def _table(counts: Agreement, first: str, second: str) -> list[str]:

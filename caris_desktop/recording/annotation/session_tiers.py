@@ -8,6 +8,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import Any, get_args
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
@@ -251,9 +252,7 @@ def _driving_rows(data: SessionData) -> Iterable[_Row]:
         # No command means standing: before the first one and wherever commands stopped.
         filled: list[_TierInterval] = []
         at_ns = data.session.started_ns
-        fixed = sorted(
-            [*motion, *(_TierInterval(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns
-        )
+        fixed = sorted([*motion, *(_TierInterval(*pause, "") for pause in pauses)], key=attrgetter("start_ns"))
         for run in [*fixed, _TierInterval(ended_ns, ended_ns, "")]:
             if run.start_ns > at_ns:
                 filled.append(_TierInterval(at_ns, run.start_ns, "standing"))
@@ -263,7 +262,11 @@ def _driving_rows(data: SessionData) -> Iterable[_Row]:
     sources = [_TierInterval(drive.start_ns, drive.end_ns, drive.source) for drive in data.drives]
     yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
     yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
-    yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in data.goals], "", "Robot")
+    goals = [
+        _TierInterval(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, goal_words(goal))
+        for goal in data.goals
+    ]
+    yield _Row(QT_TR_NOOP("Navigation goals"), goals, "", "Robot")
 
 
 def _people_rows(data: SessionData) -> Iterable[_Row]:
@@ -292,31 +295,27 @@ def _assistant_rows(data: SessionData) -> Iterable[_Row]:
         _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or answer_words(one))
         for one in data.of(LlmExchange)
     ]
-    yield _Row(
-        QT_TR_NOOP("LLM exchanges"),
-        exchanges,
-        participant="Assistant",
-    )
-    utterances, used = data.utterances, data.of(AnswerUsed)
-    uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in used]
-    yield _Row(
-        QT_TR_NOOP("LLM answer use"),
-        [_TierInterval(item.stamp_ns, None, state(use)) for item, use in uses],
-        "Answer use",
-    )
+    yield _Row(QT_TR_NOOP("LLM exchanges"), exchanges, participant="Assistant")
+    uses = [
+        _TierInterval(item.stamp_ns, None, state("unheard" if unheard(item, data.utterances) else item.use))
+        for item in data.of(AnswerUsed)
+    ]
+    yield _Row(QT_TR_NOOP("LLM answer use"), uses, "Answer use")
 
 
 def _console_rows(data: SessionData) -> Iterable[_Row]:
     ended_ns = data.session.ended_ns
     lasting = partial(_until_next, ended_ns=ended_ns, paused_ns=[begin_ns for begin_ns, _ in data.pauses])
-    trouble: list[_TierInterval] = []
     links = data.of(LinkChanged)
-    for link in dict.fromkeys(change.link for change in links):
-        changes = [change for change in links if change.link == link]
-        for change, end_ns in lasting(changes):
-            if change.state in _TROUBLE:
-                trouble.append(_TierInterval(change.stamp_ns, end_ns, link_words(change)))
-    yield _Row(QT_TR_NOOP("Link trouble"), trouble)
+    yield _Row(
+        QT_TR_NOOP("Link trouble"),
+        [
+            _TierInterval(change.stamp_ns, end_ns, link_words(change))
+            for link in dict.fromkeys(change.link for change in links)
+            for change, end_ns in lasting([change for change in links if change.link == link])
+            if change.state in _TROUBLE
+        ],
+    )
     yield _Row(
         QT_TR_NOOP("Obstacle guard"),
         [
@@ -445,10 +444,6 @@ def _joined(runs: list[_TierInterval]) -> list[_TierInterval]:
     return [run for run in joined if (run.end_ns or 0) > run.start_ns]
 
 
-def _start_ns(stretch: _TierInterval) -> int:
-    return stretch.start_ns
-
-
 def _until_next(changes: list[Any], ended_ns: int, paused_ns: Sequence[int] = ()) -> list[tuple[Any, int]]:
     """Each state change with the time of the next one, or of the next pause, which ends the state."""
     ends_ns = [*(change.stamp_ns for change in changes[1:]), ended_ns][: len(changes)]
@@ -462,10 +457,6 @@ def _of_mark(mark: FinalMark, value: str) -> _TierInterval:
     return _TierInterval(
         mark.start_ns, mark.end_ns, value if isinstance(value, LocalizedText) else " ".join(value.split())
     )
-
-
-def _of_goal(goal: NavigationGoal, ended_ns: int) -> _TierInterval:
-    return _TierInterval(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, goal_words(goal))
 
 
 def _in_states(stretches: list[_TierInterval]) -> list[_TierInterval]:
@@ -483,7 +474,7 @@ def _lanes(
     lanes: list[list[tuple[int, int, str]]] = []
     # For each lane, the true end of its last item: its widened part may be cut again.
     ends_ms: list[int] = []
-    for stretch in sorted(stretches, key=_start_ns):
+    for stretch in sorted(stretches, key=attrgetter("start_ns")):
         value = plain_text(stretch.value)[:LONGEST_VALUE]
         if value == stretch.value:
             value = stretch.value  # translatable: text and values are separate
@@ -540,16 +531,13 @@ def summary_of(value: Any) -> str:
         if not field.name.endswith(("_ns", "_id")) and field.name not in ("sequence", "actor")
     ]
     parts = [(name, text) for name, text in parts if text]
-    text = parts[0][1] if len(parts) == 1 else ", ".join(f"{_named(name)}: {_short(text)}" for name, text in parts)
+    named = (f"{name.replace('_', ' ')}: {_short(text)}" for name, text in parts)
+    text = parts[0][1] if len(parts) == 1 else ", ".join(named)
     text = " ".join(text.split()) or type_in_words(type(value))
     actor = getattr(value, "actor", "")
     if actor not in ("", WIZARD, CONSOLE):
         text = f"{text} (by {actor})"
     return text if len(text) <= _LONGEST_SUMMARY else f"{text[: _LONGEST_SUMMARY - 1]}…"
-
-
-def _named(field: str) -> str:
-    return field.replace("_", " ")
 
 
 def _short(text: str) -> str:
@@ -568,8 +556,6 @@ def _cell(value: Any) -> str:
             return f"{value:.3g}"
         case Pose2D():
             return f"({value.x_m:.2f}, {value.y_m:.2f})"
-        case str() | int():
-            return str(value)
         case tuple() | list() | dict():
             return f"{len(value)}" if value else ""
         case _:

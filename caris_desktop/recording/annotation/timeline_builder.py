@@ -5,7 +5,6 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.media_files import WavReader
@@ -61,9 +59,9 @@ def build_overview(session: Session) -> SessionOverview:
         if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
-    return SessionOverview(
-        tiers_of(data), tuple(moments), tuple(sound.waveforms()), speed.curve(), _cameras(session), data.steps
-    )
+    there = (video.camera for video in session.header.videos if (session.folder / video.file_name).is_file())
+    cameras = tuple(dict.fromkeys(camera for camera in there if camera))
+    return SessionOverview(tiers_of(data), tuple(moments), tuple(sound.waveforms()), speed.curve(), cameras, data.steps)
 
 
 def run_overview(connection: Connection, session: Session) -> None:
@@ -81,11 +79,6 @@ def _said(item: SpokenUtterance) -> str:
 def _mark_text(mark: FinalMark) -> str:
     label = mark.label or localized(_MARKS[mark.kind])
     return localized(QT_TR_NOOP("{label}: {note}"), label=label, note=mark.note) if mark.note else label
-
-
-def _cameras(session: Session) -> tuple[str, ...]:
-    there = (video.camera for video in session.header.videos if (session.folder / video.file_name).is_file())
-    return tuple(dict.fromkeys(camera for camera in there if camera))
 
 
 class _Speed:
@@ -122,48 +115,39 @@ class _Speed:
         return np.array(points, np.float32).reshape(-1, 3)
 
 
-@dataclass(slots=True)
-class _Track:
-    """Audio of one file: time of its samples, chunk by chunk."""
-
-    source: str
-    file_name: str
-    blocks: list[tuple[int, int, int, int]] = field(default_factory=list)  # stamp_ns, first_sample, count, rate
-
-
 class _Sound:
     """Computes the waveforms of the session's audio files."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._tracks: dict[str, _Track] = {}
+        self._blocks: dict[str, list[AudioBlock]] = {}
 
     def add(self, block: AudioBlock) -> None:
-        track = self._tracks.setdefault(block.file_name, _Track(block.source, block.file_name))
         within = abs(block.stamp_ns - self._session.started_ns) < _LONGEST_NS
         if block.sample_rate_hz > 0 and block.sample_count > 0 and block.first_sample >= 0 and within:
-            track.blocks.append((block.stamp_ns, block.first_sample, block.sample_count, block.sample_rate_hz))
+            self._blocks.setdefault(block.file_name, []).append(block)
 
     def waveforms(self) -> Iterator[Waveform]:
-        for track in self._tracks.values():
-            if track.blocks:
-                try:
-                    yield _waveform(track, self._session.folder)
-                except (OSError, ValueError) as error:
-                    _log.warning("%s: no waveform of %s: %s", self._session.folder, track.file_name, error)
+        for file_name, blocks in self._blocks.items():
+            try:
+                yield _waveform(blocks, self._session.folder)
+            except (OSError, ValueError) as error:
+                _log.warning("%s: no waveform of %s: %s", self._session.folder, file_name, error)
 
 
-def _waveform(track: _Track, folder: Path) -> Waveform:
+def _waveform(blocks: list[AudioBlock], folder: Path) -> Waveform:
     """Waveform of one file. Raises OSError, and ValueError if it is not a session's audio file."""
-    if not re.fullmatch(r"[\w .-]+", track.file_name):
+    source, file_name = blocks[0].source, blocks[0].file_name
+    if not re.fullmatch(r"[\w .-]+", file_name):
         raise ValueError("not a file of the session")
-    runs = sound_runs(track.blocks, within_ns=BUCKET_NS // 2)
+    times = [(block.stamp_ns, block.first_sample, block.sample_count, block.sample_rate_hz) for block in blocks]
+    runs = sound_runs(times, within_ns=BUCKET_NS // 2)
     first_ns = min(stamp_ns for stamp_ns, *_ in runs)
     last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, rate in runs)
     if last_ns - first_ns > _LONGEST_NS:
         raise ValueError("it says that it is longer than two days")
     peaks = np.zeros(((last_ns - first_ns) // BUCKET_NS + 1, 2), np.float32)
-    with WavReader(folder / track.file_name) as wav:
+    with WavReader(folder / file_name) as wav:
         for stamp_ns, first, count, rate in runs:
             for at, samples in wav.read(first, count):
                 offsets_ns = (at - first + np.arange(len(samples), dtype=np.int64)) * 1_000_000_000 // rate
@@ -172,7 +156,7 @@ def _waveform(track: _Track, folder: Path) -> Waveform:
                 where = buckets[starts]
                 peaks[where, 0] = np.minimum(peaks[where, 0], np.minimum.reduceat(samples, starts))
                 peaks[where, 1] = np.maximum(peaks[where, 1], np.maximum.reduceat(samples, starts))
-    return Waveform(track.source, first_ns, BUCKET_NS, peaks)
+    return Waveform(source, first_ns, BUCKET_NS, peaks)
 
 
 def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:

@@ -11,9 +11,10 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import field, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -86,7 +87,12 @@ class KnownNames:
 
     def __init__(self, pseudonyms: Mapping[str, str], folders: Collection[str] = ()) -> None:
         self._folders = tuple(folder for folder in folders if len(folder) > 1)
-        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)}
+        # German names as typed elsewhere, and as a pseudonym file has them in small letters
+        spelt = {
+            way: pseudonym
+            for name, pseudonym in pseudonyms.items()
+            for way in (name.translate(_UMLAUTS), name.replace("ss", "ß"))
+        }
         spelt |= pseudonyms
         self._words = PersonNames(tuple(spelt))
         self._of: dict[str, str] = {}
@@ -123,12 +129,6 @@ class KnownNames:
             at = end
         changed = "".join([*parts, text[at:]])
         return _HOME.sub("~", changed) if any(word in changed for word in _HOMES) else changed
-
-
-def _spellings(name: str) -> Iterator[str]:
-    """German names as typed elsewhere, and as a pseudonym file has them in small letters."""
-    yield name.translate(_UMLAUTS)
-    yield name.replace("ss", "ß")
 
 
 def _plain(text: str) -> str:
@@ -173,25 +173,16 @@ def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavReader, pitch: float) 
         node.link_to(following)
     graph.configure()
     at = 0
-    for block in blocks:
-        frame = av.AudioFrame.from_ndarray(block.reshape(1, -1), "s16", layout)
-        frame.sample_rate, frame.pts = rate, at
-        at += len(block)
+    for block in itertools.chain(blocks, [None]):
+        frame = None
+        if block is not None:
+            frame = av.AudioFrame.from_ndarray(block.reshape(1, -1), "s16", layout)
+            frame.sample_rate, frame.pts = rate, at
+            at += len(block)
         graph.push(frame)
-        yield from _pulled(graph, wav.channels)
-    graph.push(None)
-    yield from _pulled(graph, wav.channels)
-
-
-def _pulled(graph: Any, channels: int) -> Iterator[NDArray[np.int16]]:
-    import av
-
-    while True:
-        try:
-            frame = graph.pull()
-        except (av.error.BlockingIOError, av.error.EOFError):
-            return
-        yield frame.to_ndarray().reshape(-1, channels)
+        with suppress(av.error.BlockingIOError, av.error.EOFError):
+            while True:
+                yield graph.pull().to_ndarray().reshape(-1, wav.channels)
 
 
 _log = logging.getLogger(__name__)
@@ -388,10 +379,8 @@ class _Copy:
         if text.strip():
             name = self._names.replace(name)
             key = name, kind, text
-            known = self.texts.get(key)
-            self.texts[key] = (
-                FoundText(name, place, kind, text) if known is None else replace(known, count=known.count + 1)
-            )
+            known = self.texts.get(key) or FoundText(name, place, kind, text, count=0)
+            self.texts[key] = replace(known, count=known.count + 1)
 
     # The recording
 
@@ -436,7 +425,7 @@ class _Copy:
             return {self._names.replace_key(name): self._changed(its, spec, find, name) for name, its in value.items()}
         if isinstance(value, list):
             return [self._changed(its, spec, find, key) for its in value]
-        kind = None if spec is None else spec.value_type
+        kind: Any = None if spec is None else spec.value_type
         if not isinstance(value, str) or key == "actor" or (kind is not None and key in _fixed_words(kind)):
             return value
         if value in self._checksums:
@@ -618,27 +607,23 @@ def _has_sound(path: Path) -> bool:
         ) from error
 
 
-_WORDS: dict[type[Any], frozenset[str]] = {}
-
-
-def _fixed_words(kind: type[Any]) -> frozenset[str]:
+@cache
+def _fixed_words(kind: Any) -> frozenset[str]:
     """Fields of a value, and of the values in it, whose texts are words of the program."""
-    if kind not in _WORDS:
-        found, waiting, seen = set[str](), [kind], set[type[Any]]()
-        while waiting:
-            one = waiting.pop()
-            if one in seen:
-                continue
-            seen.add(one)
-            for name, hint in get_type_hints(one).items():
-                hints = [without_alias(hint)]
-                while hints:
-                    each = hints.pop()
-                    if get_origin(each) is Literal:
-                        found.add(name)
-                    elif isinstance(each, type) and issubclass(each, Value):
-                        waiting.append(each)
-                    else:
-                        hints += union_members(each) or get_args(each)
-        _WORDS[kind] = frozenset(found)
-    return _WORDS[kind]
+    found, waiting, seen = set[str](), [kind], set[type[Any]]()
+    while waiting:
+        one = waiting.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        for name, hint in get_type_hints(one).items():
+            hints = [without_alias(hint)]
+            while hints:
+                each = hints.pop()
+                if get_origin(each) is Literal:
+                    found.add(name)
+                elif isinstance(each, type) and issubclass(each, Value):
+                    waiting.append(each)
+                else:
+                    hints += union_members(each) or get_args(each)
+    return frozenset(found)

@@ -36,10 +36,8 @@ def write_dialogue(session: Session, path: Path) -> int:
     turns, before_ns = 0, -(2**62)
     with path.open("w", encoding="utf-8", errors="replace") as file:
         for utterance in facts.utterances:
-            if utterance.speaker != "robot":
-                continue
             at_ns = utterance.start_ns if utterance.requested_ns is None else utterance.requested_ns
-            if at_ns is None:
+            if utterance.speaker != "robot" or at_ns is None:
                 continue
             known = [other for other in spoken if other is not utterance and _known_at(other, at_ns)]
             preceding = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
@@ -49,11 +47,11 @@ def write_dialogue(session: Session, path: Path) -> int:
                 and abs(use.stamp_ns - at_ns) <= _EDIT_WITHIN_NS
                 for use in facts.of(AnswerUsed)
             )
-            found = {}
-            for camera, (moments, numbers) in in_view.items():
-                index = bisect.bisect_right(moments, at_ns) - 1
-                if index >= 0:
-                    found[camera] = numbers[index]
+            found = {
+                camera: numbers[index - 1]
+                for camera, (moments, numbers) in in_view.items()
+                if (index := bisect.bisect_right(moments, at_ns))
+            }
             line = {
                 **of_this,
                 "turn": turns + 1,

@@ -25,6 +25,7 @@ from caris_desktop.recording.annotation.annotation_import import PROPERTY
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.timeline_builder import sound_runs
+from caris_desktop.recording.anonymising.pseudonymous_copy import copy_file
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.media_files import WavReader, free_name, moments_words, wav_header
 from caris_desktop.recording.session.session_reader import Session
@@ -45,7 +46,6 @@ _CONSTRAINTS = {
 # Readers parse a number from an id, so there is one; time slots and languages share one namespace with it.
 _USABLE_ID = re.compile(r"(?!ts\d|und$)[A-Za-z_][A-Za-z0-9_.-]*\d[A-Za-z0-9_.-]*")
 _PLAIN_NAME = re.compile(r"[\w][\w .-]*")
-_COPY_BYTES = 1 << 20
 _LARGEST_WAV_BYTES = 2**32 - 4096
 _SOUND_ALIGNED_NS = 15_000_000
 _SILENCE_FRAMES = 1 << 16
@@ -262,7 +262,7 @@ def _video(session: Session, name: str, first_ns: int, out: Path, progress: Call
         else:
             note = f"The camera started {late_ms / 1000:.3f} s into the session; its first frame is shown until then."
             return LinkedMedia(name, "video/mp4", 0, note)
-    _copy(session.folder / name, out / name, progress)
+    copy_file(session.folder / name, out / name)
     return LinkedMedia(name, "video/mp4", -round(late_ms), "Unchanged from the recording.")
 
 
@@ -301,15 +301,6 @@ def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[
         raise ValueError(str(error)) from error
 
 
-def _copy(source: Path, target: Path, progress: Callable[[float], None]) -> None:
-    """Copy rather than link: changes to the export must not affect the recording."""
-    size = max(source.stat().st_size, 1)
-    with source.open("rb") as reading, target.open("wb") as writing:
-        while block := reading.read(_COPY_BYTES):
-            writing.write(block)
-            progress(min(reading.tell() / size, 1.0))
-
-
 def _sound(session: Session, name: str, blocks: list[tuple[int, int, int, int]], out: Path) -> LinkedMedia:
     runs = sound_runs(blocks, within_ns=_SOUND_ALIGNED_NS)
     late_ns = min(run[0] for run in runs) - session.started_ns
@@ -323,7 +314,7 @@ def _sound(session: Session, name: str, blocks: list[tuple[int, int, int, int]],
         else:
             note = f"Silence replaces gaps in the recording, including {max(late_ns, 0) / 1e9:.3f} s at the start."
             return LinkedMedia(name, mime, 0, note)
-    _copy(session.folder / name, out / name, lambda _fraction: None)
+    copy_file(session.folder / name, out / name)
     return LinkedMedia(name, mime, -round(late_ns / 1e6), "Unchanged from the recording.")
 
 

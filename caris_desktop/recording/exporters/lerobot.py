@@ -148,9 +148,7 @@ def _layout_of(session: Session) -> _Layout:
 def _shared(layouts: Sequence[_Layout]) -> _Layout:
     """Layout of all sessions: the highest rate, all cameras, and the beams and sizes of the first that has them."""
     fps = max((layout.fps for layout in layouts), default=FPS_WITHOUT_CAMERA)
-    sizes_px: dict[str, tuple[int, int]] = {}
-    for layout in layouts:
-        sizes_px = {**layout.sizes_px, **sizes_px}
+    sizes_px = {key: size_px for layout in reversed(layouts) for key, size_px in layout.sizes_px.items()}
     scan = next((layout.scan for layout in layouts if layout.scan is not None), None)
     return _Layout(fps, sizes_px, scan, round(sum(layout.frames / layout.fps for layout in layouts) * fps))
 

@@ -5,7 +5,6 @@ writer is not used: it copies files unchanged, where these are checked and pseud
 twice, for three more dependencies.
 """
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -26,7 +25,7 @@ from caris_desktop.recording.anonymising.pseudonymous_copy import CopiedFile, co
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.events_file import read_index
-from caris_desktop.recording.session.manifest import MANIFEST_NAME
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, digest_of
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
@@ -220,11 +219,10 @@ def _packed_descriptions(session: Session, out: Path, context: ExportContext) ->
         written[name] = f"JSON Schema of the messages on the topic /{stream} in events.mcap."
     if context.study is not None:
         written[write_citation(out, context.study).name] = "How to cite these data, in the Citation File Format."
-    packed = []
-    for name, description in written.items():
-        content = (out / name).read_bytes()
-        packed.append(_Packed(name, len(content), hashlib.sha256(content).hexdigest(), description))
-    return packed
+    return [
+        _Packed(name, (out / name).stat().st_size, digest_of(out / name), description)
+        for name, description in written.items()
+    ]
 
 
 # Metadata
@@ -235,7 +233,17 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity, study: Stud
     started, ended = clock.utc(session.started_ns), clock.utc(session.ended_ns)
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     recorded_by = session.header.program_version or "unknown"
-    software = {version: _software(version) for version in dict.fromkeys((recorded_by, __version__))}
+    software = {
+        version: {
+            "@id": f"#caris-desktop-{quote(version)}",
+            "@type": "SoftwareApplication",
+            "name": "CARIS Desktop",
+            "version": version,
+            "softwareVersion": version,
+            "description": "Operator console for Wizard-of-Oz studies with mobile robots.",
+        }
+        for version in dict.fromkeys((recorded_by, __version__))
+    }
     folder = _folder_name(session)
     folder_id = f"{quote(folder)}/"
     of_session = [file for file in packed if file.name.startswith(f"{folder}/")]
@@ -287,7 +295,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity, study: Stud
         "instrument": {"@id": software[recorded_by]["@id"]},
         "result": {"@id": folder_id},
         "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
-        "description": _how_it_ended(session),
+        "description": _ENDINGS.get(session.reason, _CUT_OFF) if session.closed_properly else _CUT_OFF,
     }
     packing: Entity = {
         "@id": "#packing",
@@ -374,17 +382,6 @@ def _file(file: _Packed) -> Entity:
     }
 
 
-def _software(version: str) -> Entity:
-    return {
-        "@id": f"#caris-desktop-{quote(version)}",
-        "@type": "SoftwareApplication",
-        "name": "CARIS Desktop",
-        "version": version,
-        "softwareVersion": version,
-        "description": "Operator console for Wizard-of-Oz studies with mobile robots.",
-    }
-
-
 def _about(session: Session, files: list[_Packed]) -> str:
     title = session.header.scenario.title
     parts = [
@@ -420,14 +417,13 @@ def _about_people(session: Session) -> str:
     return ""
 
 
-def _how_it_ended(session: Session) -> str:
-    words = {
-        "wizard": "The wizard ended it.",
-        "console_closed": "It ended when the program was closed.",
-        "disk_full": "It ended because the disk was full.",
-        "imported": "It was imported from another program's bag.",
-    }
-    return words.get(session.reason, "It was cut off.") if session.closed_properly else "It was cut off."
+_ENDINGS = {
+    "wizard": "The wizard ended it.",
+    "console_closed": "It ended when the program was closed.",
+    "disk_full": "It ended because the disk was full.",
+    "imported": "It was imported from another program's bag.",
+}
+_CUT_OFF = "It was cut off."
 
 
 def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -420,13 +420,16 @@ class _Bags:
     """Writes both bags in parallel; a context manager."""
 
     def __init__(self, out: Path) -> None:
+        import lz4.frame
         from rosbags.rosbag1 import Writer as Writer1
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
         from rosbags.rosbag2 import Writer as Writer2
 
         self._ros1: Writer1 = Writer1(out / "session.bag")
         self._ros1.set_compression(Writer1.CompressionFormat.LZ4)
-        self._ros1.compressor = _lz4_for_ros
+        # ROS 1's profile of an LZ4 frame: independent blocks, content checksum, no content size
+        options = {"block_linked": False, "content_checksum": True, "store_size": False}
+        self._ros1.compressor = partial(lz4.frame.compress, **options)
         # Version 8: the newest metadata version that ROS 2 Humble reads.
         self._ros2: Writer2 = Writer2(out / "ros2", version=8, storage_plugin=StoragePlugin.MCAP)
         self._ros2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -460,9 +463,8 @@ class _Bags:
                 # A lone surrogate from an input method.
                 serialized = _serialized(topic, _encodable(message))
         except (struct.error, OverflowError, ValueError):
-            self.left_out += 1
-            return
-        if not 0 <= at_utc_ns < _ROS1_ENDS_NS:
+            serialized = {}
+        if not serialized or not 0 <= at_utc_ns < _ROS1_ENDS_NS:
             self.left_out += 1
             return
         for ros, content in serialized.items():
@@ -497,14 +499,6 @@ class _Bags:
             )
         ]
         return self._ros2.add_connection(topic.name, topic.type, typestore=typestore(2), offered_qos_profiles=quality)
-
-
-def _lz4_for_ros(chunk: bytes) -> bytes:
-    """LZ4 frame in ROS 1's profile: independent blocks, content checksum, no content size."""
-    import lz4.frame
-
-    frame: bytes = lz4.frame.compress(chunk, block_linked=False, content_checksum=True, store_size=False)
-    return frame
 
 
 # ROS 1 stamps have 32-bit seconds.

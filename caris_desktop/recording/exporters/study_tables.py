@@ -133,13 +133,14 @@ def _frame(path: Path, columns: tuple[Column, ...]) -> Any:
 
 
 def _text(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return (
-        ";".join(map(str, value)) if isinstance(value, list) else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")
-    )
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "true" if value else "false"
+        case list():
+            return ";".join(map(str, value))
+    return str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")
 
 
 _log = logging.getLogger(__name__)
@@ -218,9 +219,8 @@ class _StudyTables:
         computed += [_by_coder(coded), _agreement(coded)] if coded else []
         with ParquetTables(self._parquet, self._about) as of_parquet:
             for table, rows in computed:
-                of_parquet.write(
-                    table, [list(cells) for cells in zip(*rows, strict=True)] or [[] for _ in table.columns]
-                )
+                columns = [list(cells) for cells in zip(*rows, strict=True)] or [[] for _ in table.columns]
+                of_parquet.write(table, columns)
                 self._tables[table.name], self._rows[table.name] = table, len(rows)
             of_parquet.write(DICTIONARY_TABLE, dictionary_columns([*self._tables.values(), DICTIONARY_TABLE]))
         for path in self._parquet.iterdir():
@@ -385,13 +385,13 @@ def _by_coder(coded: Coded) -> _Computed:
 
 
 def _column_names(coders: Sequence[str]) -> list[str]:
-    names: list[str] = []
+    names: dict[str, str] = {}
     for coder in coders:
         name = plain = "coder_" + re.sub(r"\W+", "_", coder)
-        while name.casefold() in (other.casefold() for other in names):
+        while name.casefold() in names:
             name = f"{plain}_{len(names) + 1}"
-        names.append(name)
-    return names
+        names[name.casefold()] = name
+    return list(names.values())
 
 
 def _agreement(coded: Coded) -> _Computed:

@@ -141,40 +141,35 @@ def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
         heapq.heappush(waiting, (message.at_ns, number, message))
         newest_ns = max(newest_ns, message.at_ns)
         waiting_bytes += len(message.data)
-        while waiting[0][0] <= newest_ns - REORDER_NS or waiting_bytes > _REORDER_BYTES:
+        while waiting and (waiting[0][0] <= newest_ns - REORDER_NS or waiting_bytes > _REORDER_BYTES):
             _, _, oldest = heapq.heappop(waiting)
             waiting_bytes -= len(oldest.data)
             yield oldest
-            if not waiting:
-                break
-    while waiting:
-        yield heapq.heappop(waiting)[2]
+    yield from (message for _, _, message in sorted(waiting))
 
 
 def sorted_by_time(messages: Iterable[BagMessage], scratch: Path) -> Iterator[BagMessage]:
     """Sort messages through a file in ``scratch``, for bags that were written topic by topic. Raises BagError."""
+    channels: dict[BagChannel, int] = {}
     try:
         with closing(sqlite3.connect(scratch / "sorted.db")) as database:
-            yield from _sorted_in(database, messages)
+            database.execute("PRAGMA journal_mode = OFF")
+            database.execute("PRAGMA synchronous = OFF")
+            database.execute("CREATE TABLE messages (at_ns INTEGER, channel INTEGER, data BLOB, fraction REAL)")
+            rows = (
+                (message.at_ns, channels.setdefault(message.channel, len(channels)), message.data, message.fraction)
+                for message in messages
+            )
+            database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
+            # Sorting by the index keeps the data in the file.
+            database.execute("CREATE INDEX by_time ON messages (at_ns)")
+            known = list(channels)
+            for at_ns, number, data, fraction in database.execute(
+                "SELECT * FROM messages INDEXED BY by_time ORDER BY at_ns, rowid"
+            ):
+                yield BagMessage(at_ns, known[number], data, fraction)
     except sqlite3.Error as error:
         raise BagError(f"The messages could not be sorted by time in {scratch.parent}: {error}.") from error
-
-
-def _sorted_in(database: sqlite3.Connection, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
-    channels: dict[BagChannel, int] = {}
-    database.execute("PRAGMA journal_mode = OFF")
-    database.execute("PRAGMA synchronous = OFF")
-    database.execute("CREATE TABLE messages (at_ns INTEGER, channel INTEGER, data BLOB, fraction REAL)")
-    for message in messages:
-        number = channels.setdefault(message.channel, len(channels))
-        row = (message.at_ns, number, message.data, message.fraction)
-        database.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", row)
-    # Sorting by the index keeps the data in the file.
-    database.execute("CREATE INDEX by_time ON messages (at_ns)")
-    rows = database.execute("SELECT * FROM messages INDEXED BY by_time ORDER BY at_ns, rowid")
-    known = list(channels)
-    for at_ns, number, data, fraction in rows:
-        yield BagMessage(at_ns, known[number], data, fraction)
 
 
 def type_spelling(name: str) -> str:
@@ -225,7 +220,12 @@ def _ros1_messages_in(
     elif kind == _CONNECTION:
         _connect(fields, data, channels)
     elif kind == _MESSAGE:
-        yield from _ros1_message(fields, data, channels, fraction)
+        channel = channels.get(_u32(fields.get("conn", b"")))
+        time = fields.get("time", b"")
+        if channel is None or len(time) != 8:
+            raise _CutError("a message without a topic")
+        seconds, nanoseconds = struct.unpack("<LL", time)
+        yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
     elif kind == _CHUNK:
         compressed = fields.get("compression", b"none") != b"none"
         if not is_whole:
@@ -268,18 +268,24 @@ def _ros1_record(file: IO[bytes], *, kinds: tuple[int, ...]) -> tuple[dict[str, 
     head = file.read(4)
     if not head:
         return None
-    fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
+    size_bytes = _u32(head)
+    if size_bytes > _MAX_HEADER_BYTES:
+        raise _CutError(f"a record of {size_bytes} bytes")
+    header = file.read(size_bytes)
+    if len(header) != size_bytes:
+        raise _CutError("the end is missing")
+    fields = _ros1_fields(header)
     if len(fields.get("op", b"")) != 1:
         raise _CutError("a record without a type")
     length, kind = _u32(file.read(4)), fields["op"][0]
     if kind not in kinds:
         file.seek(length, io.SEEK_CUR)
         return fields, b"", True
-    if kind != _CHUNK:
-        return fields, _exactly(file, length, most=_MAX_CHUNK_BYTES), True
     if length > _MAX_CHUNK_BYTES:
         raise _CutError(f"a record of {length} bytes")
     data = file.read(length)
+    if kind != _CHUNK and len(data) != length:
+        raise _CutError("the end is missing")
     return fields, data, len(data) == length
 
 
@@ -292,17 +298,6 @@ def _connect(fields: dict[str, bytes], data: bytes, channels: dict[int, BagChann
         definition=connection.get("message_definition", b"").decode("utf-8", "replace"),
         definition_form="ros1msg",
     )
-
-
-def _ros1_message(
-    fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel], fraction: float
-) -> Iterator[BagMessage]:
-    channel = channels.get(_u32(fields.get("conn", b"")))
-    time = fields.get("time", b"")
-    if channel is None or len(time) != 8:
-        raise _CutError("a message without a topic")
-    seconds, nanoseconds = struct.unpack("<LL", time)
-    yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
 
 
 def _ros1_fields(content: bytes) -> dict[str, bytes]:
@@ -591,15 +586,6 @@ def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
         raise _TooLargeError("a part that is larger than its declared size")
     if size_bytes is not None and len(content) != size_bytes:
         raise _CutError("a part that is smaller than its declared size")
-    return content
-
-
-def _exactly(file: IO[bytes], length: int, *, most: int) -> bytes:
-    if length > most:
-        raise _CutError(f"a record of {length} bytes")
-    content = file.read(length)
-    if len(content) != length:
-        raise _CutError("the end is missing")
     return content
 
 

@@ -182,7 +182,8 @@ class _ClockSteps:
         self._firsts: list[int] = []
         self._recent: dict[BagChannel, deque[int]] = {}
         self._back: dict[BagChannel, list[int]] = {}
-        self._waiting: deque[tuple[int, int]] = deque()
+        self.waiting: deque[tuple[int, int]] = deque()
+        """Numbers and times of the last messages."""
 
     def run_of(self, number: int) -> int:
         """Number of steps before a message."""
@@ -190,7 +191,7 @@ class _ClockSteps:
 
     def process(self, number: int, message: BagMessage) -> Iterator[tuple[int, int]]:
         """Numbers and times of earlier messages whose run is known now."""
-        self._waiting.append((number, message.at_ns))
+        self.waiting.append((number, message.at_ns))
         recent = self._recent.setdefault(message.channel, deque(maxlen=_STEADY))
         before_ns = min(recent) - REORDER_NS if len(recent) == _STEADY else 0
         if message.at_ns < before_ns:
@@ -200,7 +201,7 @@ class _ClockSteps:
             recent.append(message.at_ns)
         if len(self._back.get(message.channel, ())) == _STEADY:
             first = min(numbers[0] for numbers in self._back.values())
-            for earlier, at_ns in reversed(self._waiting):
+            for earlier, at_ns in reversed(self.waiting):
                 if earlier < first and at_ns >= before_ns:
                     break
                 first = min(first, earlier)
@@ -208,12 +209,8 @@ class _ClockSteps:
             self._recent.clear()
             self._back.clear()
         undecided = _MOST_WAITING if self._back else _LOOKED_BACK
-        while len(self._waiting) > undecided:
-            yield self._waiting.popleft()
-
-    def rest(self) -> Iterator[tuple[int, int]]:
-        """The last messages."""
-        yield from self._waiting
+        while len(self.waiting) > undecided:
+            yield self.waiting.popleft()
 
 
 @dataclass(slots=True)
@@ -282,7 +279,11 @@ def _import(  # noqa: PLR0917 - all of one call
         ended_ns = max(last_ns, clock.started_ns)
         if origin is not None and origin.ended_ns is not None and ended_ns < origin.ended_ns < ended_ns + _NEAR_NS:
             ended_ns = origin.ended_ns
-        _refuse_nothing(path, casting, used, faults, has_pose=bool(writer.counts["pose"]))
+        if not writer.counts["pose"] and all(casting.roles[channel].kind in ("tf", "session") for channel in used):
+            first = next(iter(faults.values()), "no message could be read")
+            raise BagError(  # noqa: TRY301 - its files are closed as for any other error
+                f"{path.name} contains no usable message ({first}). Nothing was written."
+            )
         videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
     except BaseException:
         writer.abandon()
@@ -315,14 +316,6 @@ def _import(  # noqa: PLR0917 - all of one call
     return report
 
 
-def _refuse_nothing(
-    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str], *, has_pose: bool
-) -> None:
-    if not has_pose and not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
-        first = next(iter(faults.values()), "no message could be read")
-        raise BagError(f"{path.name} contains no usable message ({first}). Nothing was written.")
-
-
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
     """Read every message once for topics and times; problems are noted in the second pass."""
     survey = _Survey(Counter(), _ClockSteps())
@@ -341,7 +334,7 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
         minutes.add(survey.steps.process(number, message))
         if survey.own_session is None and message.channel.topic == SESSION_TOPIC:
             survey.own_session = _own_session(message)
-    minutes.add(survey.steps.rest())
+    minutes.add(survey.steps.waiting)
     if without_time:
         notes.add(f"{without_time} message{'s' * (without_time != 1)} with a zero or invalid time were skipped.")
     survey.stretches = _intervals(minutes.parts)
@@ -375,7 +368,13 @@ class _Minutes:
         """Add messages, given by number and time."""
         for number, at_ns in messages:
             run = self._survey.steps.run_of(number)
-            self._watch_order(run, at_ns)
+            newest_ns = self._newest_ns.get(run, 0)
+            if newest_ns - at_ns > REORDER_NS:
+                self._survey.in_order = False
+            # One message hours ahead is a wrong stamp, to which the others are compared in vain.
+            self._jumped = at_ns - newest_ns >= _NEAR_NS and not self._jumped
+            if not self._jumped:
+                self._newest_ns[run] = max(newest_ns, at_ns)
             part = self._parts.get((run, at_ns // _MINUTE_NS))
             if part is not None:
                 part.first_ns, part.last_ns = min(part.first_ns, at_ns), max(part.last_ns, at_ns)
@@ -385,22 +384,13 @@ class _Minutes:
             else:
                 self._notes.add("The times in the bag are spread too widely; messages at further times were skipped.")
 
-    def _watch_order(self, run: int, at_ns: int) -> None:
-        newest_ns = self._newest_ns.get(run, 0)
-        if newest_ns - at_ns > REORDER_NS:
-            self._survey.in_order = False
-        # One message hours ahead is a wrong stamp, to which the others are compared in vain.
-        self._jumped = at_ns - newest_ns >= _NEAR_NS and not self._jumped
-        if not self._jumped:
-            self._newest_ns[run] = max(newest_ns, at_ns)
-
 
 def _intervals(minutes: list[_BagPart]) -> list[_BagPart]:
     """Merge parts of one run that no hour-long gap separates."""
     joined: list[_BagPart] = []
     for minute in minutes:
-        last = joined[-1] if joined else None
-        if last is not None and last.run == minute.run and minute.first_ns - last.last_ns < _NEAR_NS:
+        if joined and joined[-1].run == minute.run and minute.first_ns - joined[-1].last_ns < _NEAR_NS:
+            last = joined[-1]
             last.last_ns, last.count = minute.last_ns, last.count + minute.count
             last.number = min(last.number, minute.number)
         else:

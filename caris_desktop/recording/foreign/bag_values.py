@@ -49,20 +49,10 @@ _MAX_FRAMES, _MAX_DEPTH = 2000, 50
 _TF_POSE_EVERY_NS = 50_000_000
 # A value from our own export belongs to its log time; values of another clock must not be mixed in.
 _SAME_SESSION_NS = 24 * 3600 * 1_000_000_000
-_IMAGE_WORDS = frozenset(
-    [
-        "image",
-        "image_raw",
-        "image_color",
-        "image_rect",
-        "image_rect_color",
-        "image_mono",
-        "compressed",
-        "theora",
-        "foxglove",
-        "camera_info",
-    ]
-)
+_IMAGE_WORDS = (
+    "image", "image_raw", "image_color", "image_rect", "image_rect_color", "image_mono", "compressed", "theora",
+    "foxglove", "camera_info",
+)  # fmt: skip
 # A depth camera has colour images, too: /depth_camera/image_raw.
 _DEPTH = re.compile(r"(?:^|[/_])depth(?!_cam)(?:$|[/_])")
 _SPEECH_WORDS = ("speech", "speak", "say", "tts", "utter", "transcript", "voice", "asr", "stt", "heard", "recogni")
@@ -168,16 +158,13 @@ def _role(channel: BagChannel) -> TopicRole | str:
             if "cmd_vel" not in topic and "cmdvel" not in topic:
                 return "its name does not indicate that these velocities drive the robot"
             return TopicRole("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
-        case "sensor_msgs/CompressedImage":
+        case "sensor_msgs/CompressedImage" | "sensor_msgs/Image" as name:
             if _DEPTH.search(topic):
                 return "it is a depth image"
-            return TopicRole("frame", "compressed_image", camera_name(channel.topic))
+            kind = "image" if name.endswith("/Image") else "compressed_image"
+            return TopicRole("frame", kind, camera_name(channel.topic))
         case "foxglove_msgs/CompressedVideo":
             return TopicRole("frame", "compressed_video", camera_name(channel.topic))
-        case "sensor_msgs/Image":
-            if _DEPTH.search(topic):
-                return "it is a depth image"
-            return TopicRole("frame", "image", camera_name(channel.topic))
         case "sensor_msgs/CameraInfo":
             return TopicRole("lens", "camera_info", camera_name(channel.topic))
         case "std_msgs/String":

@@ -318,10 +318,7 @@ class _Row(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         parts = [self._rest]
         have = len(self._rest)
-        while size < 0 or have < size:
-            part = next(self._parts, None)
-            if part is None:
-                break
+        while (size < 0 or have < size) and (part := next(self._parts, None)) is not None:
             parts.append(part)
             have += len(part)
         data = b"".join(parts)

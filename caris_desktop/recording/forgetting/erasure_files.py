@@ -81,11 +81,9 @@ def files_of(study: Path) -> StudyFiles:
             path = Path(entry.path)
             if entry.is_symlink():
                 target = Path(os.path.realpath(path))  # resolve() fails for a link to itself before Python 3.13
-                inside = target.is_relative_to(home)
-                recorded = path.is_dir() and (is_session(path) or path == study / _SESSIONS)
-                if recorded:
+                if path.is_dir() and (is_session(path) or path == study / _SESSIONS):
                     waiting.append(path)
-                elif not inside and path.exists():
+                elif not target.is_relative_to(home) and path.exists():
                     found.refused.append((path, target))
             elif entry.is_dir(follow_symlinks=False):
                 waiting.append(path)
@@ -140,26 +138,21 @@ def copies_in(files: Iterable[Path]) -> list[list[Path]]:
     by_size: dict[int, list[Path]] = {}
     for path in files:
         by_size.setdefault(path.stat().st_size, []).append(path)
-    groups: list[list[Path]] = []
+    by_digest: dict[str, list[Path]] = {}
     for size_bytes, alike in by_size.items():
         if size_bytes and len(alike) > 1 and any(path.suffix.lower() in MEDIA for path in alike):
-            by_digest: dict[str, list[Path]] = {}
             for path in alike:
                 by_digest.setdefault(digest_of(path), []).append(path)
-            groups += (same for same in by_digest.values() if len(same) > 1)
-    return groups
+    return [same for same in by_digest.values() if len(same) > 1]
 
 
 def names_elsewhere(files: Iterable[Path]) -> list[Path]:
     """Files with a hard link from outside of ``files``. Raises OSError."""
-    counted: dict[tuple[int, int], list[Path]] = {}
-    links: dict[tuple[int, int], int] = {}
+    counted: dict[tuple[int, int, int], list[Path]] = {}
     for path in files:
         stat = path.stat()
-        if stat.st_nlink > 1:
-            counted.setdefault((stat.st_dev, stat.st_ino), []).append(path)
-            links[stat.st_dev, stat.st_ino] = stat.st_nlink
-    return [path for key, paths in counted.items() if len(paths) < links[key] for path in paths]
+        counted.setdefault((stat.st_nlink, stat.st_dev, stat.st_ino), []).append(path)
+    return [path for (links, *_), paths in counted.items() if len(paths) < links for path in paths]
 
 
 _log = logging.getLogger(__name__)

@@ -186,7 +186,6 @@ PHOTO_NS = range(-700_000_000, 200_000_001, 100_000_000)
 _SOUND_AROUND_NS = 300_000_000
 # Speaking time per letter, where only the end of an utterance is known.
 _SPEAKS_NS, _LEAST_SPOKEN_NS = 90_000_000, 2_000_000_000
-_FILM = (".mp4",)
 
 
 class SessionMedia:
@@ -207,15 +206,13 @@ class SessionMedia:
         recorded_names = {str(video.get("file_name")) for video in recorded}
         for number, video in enumerate(videos):
             path = self._folder / str(video.get("file_name"))
-            if not path.is_file():
-                continue
-            if how == "remove":
+
+            def report(done: float, *, number: int = number, name: str = path.name) -> None:
+                progress((number + done) / len(videos), name)
+
+            if path.is_file() and how == "remove":
                 self._remove_video(path)
-            else:
-
-                def report(done: float, *, number: int = number, name: str = path.name) -> None:
-                    progress((number + done) / len(videos), name)
-
+            elif path.is_file():
                 self._cover_video(path, video, report)
         if self._tracks.any and isinstance(self._session.header.as_read.get("videos"), list):
             self._treat_other_videos(recorded_names)
@@ -252,7 +249,7 @@ class SessionMedia:
     def _treat_other_videos(self, recorded_names: set[str]) -> None:
         """Remove videos that a repair set aside: the times of their frames are unknown."""
         for path in sorted(self._folder.rglob("*")):
-            film = path.suffix.lower() in _FILM and path.is_file() and not path.is_symlink()
+            film = path.suffix.lower() == ".mp4" and path.is_file() and not path.is_symlink()
             outside = path.relative_to(self._folder).parts[0].startswith("export-")
             if film and not outside and not (path.parent == self._folder and path.name in recorded_names):
                 self._remove_video(path)

@@ -6,7 +6,7 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,12 +43,7 @@ class Area(NamedTuple):
     bottom: float
 
     def joined(self, other: "Area") -> "Area":
-        return Area(
-            min(self.left, other.left),
-            min(self.top, other.top),
-            max(self.right, other.right),
-            max(self.bottom, other.bottom),
-        )
+        return Area(*map(min, self[:2], other[:2]), *map(max, self[2:], other[2:]))
 
     def padded(self, *, after_s: float) -> "Area":
         wide = max(_PAD_LEAST, _PAD_WIDTH * (self.right - self.left)) + _WALKS_PER_S * after_s
@@ -64,10 +59,8 @@ class Area(NamedTuple):
 WHOLE = Area(0.0, 0.0, 1.0, 1.0)
 
 
-@dataclass(slots=True)
-class _Track:
-    stamps_ns: list[int] = field(default_factory=list)
-    areas: list[Area] = field(default_factory=list)
+_Track = list[tuple[int, Area]]
+"""Session times, and where the person was then."""
 
 
 @dataclass(slots=True)
@@ -97,13 +90,9 @@ class PersonTracks:
         return tuple(area for area in found if area is not None)
 
     def _area_of(self, track: _Track, camera: str, at_ns: int) -> Area | None:
-        after = bisect_right(track.stamps_ns, at_ns)
-        before = after - 1
-        first = track.areas[before] if before >= 0 else None
-        second = track.areas[after] if after < len(track.areas) else None
-        first_ns = track.stamps_ns[before] if first is not None else 0
-        second_ns = track.stamps_ns[after] if second is not None else 0
-        if first is not None and second is not None and second_ns - first_ns <= _GAP_NS:
+        after = bisect_right(track, at_ns, key=itemgetter(0))
+        if 0 < after < len(track) and track[after][0] - track[after - 1][0] <= _GAP_NS:
+            (first_ns, first), (second_ns, second) = track[after - 1], track[after]
             gap_ns = second_ns - first_ns
             if gap_ns > _QUICK_NS:
                 return first.joined(second).padded(after_s=min(at_ns - first_ns, second_ns - at_ns) / 1e9)
@@ -111,9 +100,11 @@ class PersonTracks:
             between = (one + share * (other - one) for one, other in zip(first, second, strict=True))
             return Area(*between).padded(after_s=0.0)
         held = None
-        if first is not None and at_ns <= self._held_until(camera, first_ns):
+        if after and at_ns <= self._held_until(camera, track[after - 1][0]):
+            first_ns, first = track[after - 1]
             held = first.padded(after_s=(at_ns - first_ns) / 1e9)
-        if second is not None and at_ns >= self._held_from(camera, second_ns):
+        if after < len(track) and at_ns >= self._held_from(camera, track[after][0]):
+            second_ns, second = track[after]
             coming = second.padded(after_s=(second_ns - at_ns) / 1e9)
             held = coming if held is None else held.joined(coming)
         return held
@@ -146,11 +137,11 @@ class PersonTracks:
         return self._seen_near(camera, before_ns) or self._seen_near(camera, next_ns)
 
     def _seen_near(self, camera: str, at_ns: int) -> bool:
-        for track in self.tracks.get(camera, ()):
-            at = bisect_left(track.stamps_ns, at_ns - _GAP_NS)
-            if at < len(track.stamps_ns) and track.stamps_ns[at] <= at_ns + _GAP_NS:
-                return True
-        return False
+        return any(
+            bisect_left(track, at_ns - _GAP_NS, key=itemgetter(0))
+            < bisect_right(track, at_ns + _GAP_NS, key=itemgetter(0))
+            for track in self.tracks.get(camera, ())
+        )
 
 
 def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
@@ -231,22 +222,21 @@ def _detections_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[st
 
 def _combine(boxes: list[tuple[str, int, int, str, Area]], detections_ns: dict[str, list[int]]) -> PersonTracks:
     theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
-    of_track: dict[tuple[str, int], _Track] = {}
+    tracks: dict[str, dict[int, _Track]] = {}
     visits: list[int] = []
-    for camera, track, stamp_ns, person_id, area in sorted(boxes):
+    for camera, track, stamp_ns, _, area in sorted(boxes):
         # A track's boxes before its identification belong to the same person.
-        if person_id or (camera, track) in theirs:
-            known = of_track.setdefault((camera, track), _Track())
-            known.stamps_ns.append(stamp_ns)
-            known.areas.append(area)
+        if (camera, track) in theirs:
+            tracks.setdefault(camera, {}).setdefault(track, []).append((stamp_ns, area))
             visits.append(stamp_ns)
-    tracks: dict[str, list[_Track]] = {}
-    for (camera, _), known in of_track.items():
-        tracks.setdefault(camera, []).append(known)
     visits_ns: list[tuple[int, int]] = []
     for stamp_ns in sorted(visits):
         if visits_ns and stamp_ns - visits_ns[-1][1] <= _VISIT_GAP_NS:
             visits_ns[-1] = visits_ns[-1][0], stamp_ns
         else:
             visits_ns.append((stamp_ns, stamp_ns))
-    return PersonTracks(tracks, {camera: sorted(stamps_ns) for camera, stamps_ns in detections_ns.items()}, visits_ns)
+    return PersonTracks(
+        {camera: list(of_camera.values()) for camera, of_camera in tracks.items()},
+        {camera: sorted(stamps_ns) for camera, stamps_ns in detections_ns.items()},
+        visits_ns,
+    )

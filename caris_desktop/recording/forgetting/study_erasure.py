@@ -10,10 +10,10 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -201,16 +201,13 @@ _WRITTEN = (
 _SHOWS = (".png", ".jpg", ".mp4", ".wav", ".bag", ".mcap", ".html")
 
 
-class Exports:
-    """Exports inside a study's folder, and which of them show or name a person.
+class _Exports:
+    """Exports inside a study's folder. ``sessions`` are the names of its session folders."""
 
-    Exports of one study. ``sessions`` are the names of its session folders.
-    """
-
-    def __init__(self, study: Path, sessions: Collection[str]) -> None:
+    def __init__(self, study: Path, sessions: Iterable[str]) -> None:
         self._study = study
         self._sessions = frozenset(sessions)
-        self._known: dict[Path, bool] = {}
+        self._is_export = cache(lambda folder: any((folder / mark).is_file() for mark in _MARKS))
 
     def of(self, path: Path) -> Path | None:
         """Export folder that ``path`` belongs to; None if it is not part of one."""
@@ -226,29 +223,10 @@ class Exports:
                 return folder
         return None
 
-    def concerned(self, files: Iterable[Path], named: Collection[Path], seen_in: Collection[str]) -> list[Path]:
-        """Exports to remove: those with a file among ``named``, or with images or audio of sessions in which the person
-        was seen.
-        """
-        found: dict[Path, None] = {}
-        for path in files:
-            export = self.of(path)
-            if export is None or export in found:
-                continue
-            shows = path.suffix.lower() in _SHOWS and bool(self.shown_in(export) & frozenset(seen_in))
-            if path in named or shows:
-                found[export] = None
-        return list(found)
-
     def shown_in(self, export: Path) -> frozenset[str]:
         """Sessions that the export may show: its own if its path names one, else all."""
         parts = export.relative_to(self._study).parts
         return frozenset(parts) & self._sessions or self._sessions
-
-    def _is_export(self, folder: Path) -> bool:
-        if folder not in self._known:
-            self._known[folder] = any((folder / mark).is_file() for mark in _MARKS)
-        return self._known[folder]
 
 
 class _Forgetting:
@@ -291,7 +269,7 @@ class _Forgetting:
             # Everything else was done, and the database erasure is finished or was in progress.
             return self._finish(begun, erasing, int(self._journal.noted("waiting") or 0))
         listed = self._listed()
-        exports = Exports(self._study, [folder.name for folder in listed.sessions])
+        exports = _Exports(self._study, (folder.name for folder in listed.sessions))
         sessions = [folder for folder in listed.sessions if exports.of(folder / "events.mcap") is None]
         self._problems += [
             localized(
@@ -305,11 +283,15 @@ class _Forgetting:
             )
             for link, target in listed.refused
         ]
-        self._note_same_bytes(listed.files)
+        if self._journal.noted("copies") is None:
+            # Before the first change, after which identical files are no longer identical.
+            copies = [[self._journal.name_of(path) for path in same] for same in copies_in(listed.files)]
+            elsewhere = [self._journal.name_of(path) for path in names_elsewhere(listed.files)]
+            self._journal.note(copies=copies, elsewhere=elsewhere)
         self._find_person_tracks(sessions)
         self._find_speech(sessions)
         self._notify(0.05, QT_TR_NOOP("Searching the study"))
-        found = self._found_in(self._files())
+        found = self._found_in(self._listed().files)
         if self._journal.noted("found") is None:
             self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
         found = self._without_exports(found, exports)
@@ -338,7 +320,15 @@ class _Forgetting:
         for suffix in ("", "-wal", "-shm", "-journal"):
             (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
         delete_tables(listed.sessions)  # another program may have made them meanwhile
-        self._report_hard_links()
+        changed = {change.file for change in self._journal.changes()}
+        self._problems += [
+            localized(
+                QT_TR_NOOP("{file} has a hard link outside the study. The file is unchanged there: delete it there."),
+                file=name,
+            )
+            for name in self._journal.noted("elsewhere")
+            if name in changed
+        ]
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
         self._relink(path for path in self._study.rglob("*") if path.is_symlink())
@@ -410,24 +400,12 @@ class _Forgetting:
         ]
         return listed
 
-    def _files(self) -> list[Path]:
-        return self._listed().files
-
     def _found_in(self, files: Iterable[Path]) -> dict[Path, Searched]:
         return {path: self._search.file(path) for path in files}
 
-    # The same bytes under several names
-
-    def _note_same_bytes(self, files: list[Path]) -> None:
-        """Note identical files before the first change, after which they are no longer identical."""
-        if self._journal.noted("copies") is None:
-            names = [[self._journal.name_of(path) for path in same] for same in copies_in(files)]
-            elsewhere = [self._journal.name_of(path) for path in names_elsewhere(files)]
-            self._journal.note(copies=names, elsewhere=elsewhere)
-
     def _treat_copies(self, found: dict[Path, Searched]) -> None:
         """Apply the change of one copy (covered, silenced, removed) to its other copies."""
-        paths = {self._journal.name_of(path): path for path in self._files()}
+        paths = {self._journal.name_of(path): path for path in self._listed().files}
         for names in self._journal.noted("copies"):
             changes = {change.file: change for change in self._journal.changes() if change.file in names}
             done = next((change for change in changes.values() if change.what in _OF_MEDIA), None)
@@ -441,20 +419,9 @@ class _Forgetting:
                     self._journal.remove(path, "copy")
                     found.pop(path, None)
 
-    def _report_hard_links(self) -> None:
-        changed = {change.file for change in self._journal.changes()}
-        self._problems += [
-            localized(
-                QT_TR_NOOP("{file} has a hard link outside the study. The file is unchanged there: delete it there."),
-                file=name,
-            )
-            for name in self._journal.noted("elsewhere")
-            if name in changed
-        ]
-
     # Media without detection
 
-    def _inspect_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
+    def _inspect_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: _Exports) -> None:
         """List archives, and media without detection that may show the person or contain their voice."""
         blind = {
             folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.detections_ns
@@ -497,30 +464,36 @@ class _Forgetting:
 
     # Exports
 
-    def _without_exports(self, found: dict[Path, Searched], exports: Exports) -> dict[Path, Searched]:
-        named = {path for path, searched in found.items() if searched.hits}
+    def _without_exports(self, found: dict[Path, Searched], exports: _Exports) -> dict[Path, Searched]:
+        """Remove exports that name the person or show sessions in which the person was seen; return the other files."""
         seen_in = {folder.name for folder, seen in self._seen_in.items() if seen.any}
         spoke_in = {folder.name for folder, spoken in self._spoken.items() if spoken}
         sentences = Sentences(tuple({text: None for sentence in self._sentences.values() for text in sentence.texts}))
-        for path in found:
+        inside: dict[Path, list[Path]] = {}
+        named: set[Path] = set()
+        concerned: dict[Path, None] = {}
+        for path, searched in found.items():
             export = exports.of(path)
-            if export is not None and exports.shown_in(export) & spoke_in and _may_hold(path, sentences):
+            if export is None:
+                continue
+            inside.setdefault(export, []).append(path)
+            shown_in = exports.shown_in(export)
+            if searched.hits or (shown_in & spoke_in and _may_hold(path, sentences)):
                 named.add(path)
-        concerned = exports.concerned(found, named, seen_in)
+            if path in named or (path.suffix.lower() in _SHOWS and shown_in & seen_in):
+                concerned[export] = None
         self._exports_named = [self._journal.name_of(path) for path in concerned]
         for export in concerned:
-            inside = [path for path in found if exports.of(path) == export]
-            if self._request.keep_exports:
-                for path in inside:
-                    if path in named:
-                        count = max(1, len(found[path].hits))
-                        self._texts.note_file(self._journal.name_of(path), "an export", count=count)
-            else:
-                for path in inside:
+            for path in inside[export]:
+                if not self._request.keep_exports:
                     self._journal.remove(path, "export")
+                elif path in named:
+                    count = max(1, len(found[path].hits))
+                    self._texts.note_file(self._journal.name_of(path), "an export", count=count)
+            if not self._request.keep_exports:
                 _remove_empty(export)
-            found = {path: searched for path, searched in found.items() if path not in inside}
-        return found
+        treated = {path for export in concerned for path in inside[export]}
+        return {path: searched for path, searched in found.items() if path not in treated}
 
     # One session
 
@@ -528,15 +501,25 @@ class _Forgetting:
         mine = {path: searched for path, searched in found.items() if path.is_relative_to(folder)}
         named = {path: searched for path, searched in mine.items() if searched.hits}
         tracks = self._seen_in.get(folder)
-        unexamined = self._unexamined_in(folder, list(mine))
-        concerned = (tracks is not None and tracks.any) or self._spoken.get(folder) or self._journal.changes_in(folder)
-        if not named and not unexamined and not concerned:
-            return
+        unexamined = [path for path in mine if is_opaque(path)]
+        session, problem = None, None
         try:
             session = open_session(folder, repair=False)
         except SessionError as error:
-            self._problems.append(_message_for(folder, error))
-            session = None
+            problem = error
+        else:
+            looked_at = examined_media(session, tracks)
+            self._examined.update(self._journal.name_of(path) for path in looked_at)
+            unexamined = [
+                path
+                for path in unexamined
+                if path not in looked_at and not path.relative_to(folder).parts[0].startswith(_OF_SESSION)
+            ]
+        concerned = (tracks is not None and tracks.any) or self._spoken.get(folder) or self._journal.changes_in(folder)
+        if not named and not unexamined and not concerned:
+            return
+        if problem is not None:
+            self._problems.append(_message_for(folder, problem))
         work = self._work_in(folder)
         with hold(folder):
             for path in mine:
@@ -582,21 +565,6 @@ class _Forgetting:
                     self._journal.replace(path, "text", partial(text_erasure.rewrite_events, work, path, file))
             if self._journal.changes_in(folder):
                 self._seal(folder)
-
-    def _unexamined_in(self, folder: Path, files: list[Path]) -> list[Path]:
-        """Media of a session for which it is unknown whether the person is in them."""
-        inside = [path for path in files if is_opaque(path)]
-        try:
-            session = open_session(folder, repair=False)
-        except SessionError:
-            return inside
-        looked_at = examined_media(session, self._seen_in.get(folder))
-        self._examined.update(self._journal.name_of(path) for path in looked_at)
-        return [
-            path
-            for path in inside
-            if path not in looked_at and not path.relative_to(folder).parts[0].startswith("export-")
-        ]
 
     def _in_file(self, path: Path, searched: Searched, work: TextWork) -> None:
         """Rewrite a file that names the person or contains their speech, or list its places."""
@@ -674,29 +642,23 @@ class _Forgetting:
 
     def _in_database(self) -> None:
         """List the places in texts about other people in the study's database, and replace those to redact."""
-        to_change = False
-
-        def scan(whose: str, text: str) -> str:
-            nonlocal to_change
+        found: list[tuple[int, int, Decision]] = []
+        for whose, text in self._texts_in_database():
             if whose not in self._request.person_ids:  # theirs are deleted anyway
-                found = self._texts.find(text, _PEOPLE, lambda: f"data stored about {whose}")
-                to_change = to_change or any(decision == "redact" for _, _, decision in found)
-            return text
-
-        self._request.texts_of_people(scan)
-        if to_change:
+                found += self._texts.find(text, _PEOPLE, lambda whose=whose: f"data stored about {whose}")  # type: ignore[misc]
+        if any(decision == "redact" for _, _, decision in found):
             self._request.texts_of_people(lambda _whose, text: self._texts.redact(text, _PEOPLE, yaml=False)[0])
 
-    def _named_in_database(self) -> int:
-        """Number of texts in the study's database that name the person without a decision to keep them."""
-        named: list[bool] = []
+    def _texts_in_database(self) -> list[tuple[str, str]]:
+        """Owner and content of each text in the study's database."""
+        texts: list[tuple[str, str]] = []
 
-        def scan(_whose: str, text: str) -> str:
-            named.append(self._texts.redact(text, _PEOPLE, yaml=False)[0] != text)
+        def read(whose: str, text: str) -> str:
+            texts.append((whose, text))
             return text
 
-        self._request.texts_of_people(scan)
-        return sum(named)
+        self._request.texts_of_people(read)
+        return texts
 
     def _rename_files(self, paths: Iterable[Path]) -> None:
         """Rename files and folders that name the person, deepest first."""
@@ -737,7 +699,7 @@ class _Forgetting:
 
     def _proof(self, sessions: list[Path]) -> dict[str, Any]:
         """Search every byte of the study and of the user's own files; the database is searched after its erasure."""
-        found = self._found_in([*self._files(), *self._request.own_files.files()])
+        found = self._found_in([*self._listed().files, *self._request.own_files.files()])
         # The sentence may be another person's in another session.
         spoken = {
             path: self._spoken_search.file(path)
@@ -779,7 +741,9 @@ class _Forgetting:
         self._notify(0.97, QT_TR_NOOP("Erasing the person from the study database"))
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
-        in_database = sum(len(self._search.file(path).hits) for path in database) + self._named_in_database()
+        in_database = sum(len(self._search.file(path).hits) for path in database) + sum(
+            self._texts.redact(text, _PEOPLE, yaml=False)[0] != text for _, text in self._texts_in_database()
+        )
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
         outcome = Forgotten(
             self._study / FOLDER / RECEIPT,
@@ -814,14 +778,12 @@ class _Forgetting:
             "recordings": self._request.recordings,
             "steps": _steps(changes),
             "waiting_for_decision": outcome.waiting,
-            "utterances": (
-                {
-                    "theirs_removed": theirs,
-                    "nobodys_removed": sum(map(len, self._spoken.values())) - theirs,
-                    "nobodys_kept": decided.count("keep"),
-                    "nobodys_waiting": decided.count(""),
-                }
-            ),
+            "utterances": {
+                "theirs_removed": theirs,
+                "nobodys_removed": sum(map(len, self._spoken.values())) - theirs,
+                "nobodys_kept": decided.count("keep"),
+                "nobodys_waiting": decided.count(""),
+            },
             "exports_concerned": self._exports_named,
             "problems": [self._without_names(problem) for problem in self._problems],
             "search_before": self._journal.noted("found"),
@@ -873,9 +835,8 @@ def _copied(source: Path, part: Path) -> int:
 
 def receipt_words(path: Path) -> str:
     """Summary of the newest receipt as a sentence. Raises OSError."""
-    receipts = _receipts_in(path)
-    steps = receipts[-1]["steps"] if receipts else {}
-    after = receipts[-1]["search_after"] if receipts else {}
+    newest: dict[str, Any] = next(reversed(_receipts_in(path)), {})
+    steps, after, counts = newest.get("steps", {}), newest.get("search_after", {}), newest.get("utterances", {})
     done = [
         f"{count} {kind if count == 1 else kinds} {verb}"
         for what, kind, kinds in _KINDS
@@ -883,7 +844,6 @@ def receipt_words(path: Path) -> str:
         if (count := steps.get(what, {}).get(verb, 0))
     ]
     found = sum(after.get(what, 0) for what in ("names", "pictures", "sentences", "in_people_database"))
-    counts = receipts[-1].get("utterances", {}) if receipts else {}
     speech = (
         f" Removed {counts.get('theirs_removed', 0)} utterances by this person and {counts.get('nobodys_removed', 0)} "
         f"that may be; {counts.get('nobodys_kept', 0)} retained, {counts.get('nobodys_waiting', 0)} undecided."

@@ -7,8 +7,10 @@ import json
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 from urllib.parse import quote
@@ -123,8 +125,8 @@ class SearchTerms:
     def probes(self) -> tuple[bytes, ...]:
         """Pieces of the images, plain and in base64 at each of its three alignments."""
         plain = [probe for picture in self.pictures for probe in _pieces(picture)]
-        coded = [text for probe in plain for text in _in_base64(probe)]
-        return tuple(dict.fromkeys((*plain, *coded)))
+        cuts = [probe[shift : shift + (len(probe) - shift) // 3 * 3] for probe in plain for shift in range(3)]
+        return tuple(dict.fromkeys((*plain, *(base64.b64encode(cut) for cut in cuts if len(cut) >= 9))))
 
 
 _FOLD = bytes(byte + 32 if 65 <= byte <= 90 else byte for byte in range(256))
@@ -148,17 +150,10 @@ def _forms(text: str) -> tuple[str, ...]:
             quote(plain, safe=" "),
         ]
     if not text.isascii():
-        for cased in (composed, composed.lower(), composed.upper()):
-            forms += (_read_as_utf8(cased, code_page) for code_page in _CODE_PAGES)
+        for cased, code_page in product((composed, composed.lower(), composed.upper()), _CODE_PAGES):
+            with suppress(UnicodeEncodeError):  # the code page lacks a letter
+                forms.append(cased.encode(code_page).decode("utf-8", AS_IT_IS["utf-8"]))
     return tuple(dict.fromkeys(forms))
-
-
-def _read_as_utf8(text: str, code_page: str) -> str:
-    """``text`` of a file in a code page, as ``AS_IT_IS`` decodes it; unchanged if the code page lacks a letter."""
-    try:
-        return text.encode(code_page).decode("utf-8", AS_IT_IS["utf-8"])
-    except UnicodeEncodeError:
-        return text
 
 
 def _is_distinct(text: str) -> bool:
@@ -204,13 +199,6 @@ def _pieces(picture: bytes) -> Iterator[bytes]:
         piece = content[number * step : number * step + _PROBE_BYTES]
         if len(piece) >= 8 and len(set(piece)) >= 6:
             yield piece
-
-
-def _in_base64(piece: bytes) -> Iterator[bytes]:
-    for shift in range(3):
-        cut = piece[shift : shift + (len(piece) - shift) // 3 * 3]
-        if len(cut) >= 9:
-            yield base64.b64encode(cut)
 
 
 def all_of(names: Iterable[str], pictures: Iterable[bytes]) -> SearchTerms:
@@ -278,19 +266,12 @@ class Speech:
 
 def speech_in(session: Session, person_ids: frozenset[str], tracks: PersonTracks) -> Speech:
     """Utterances of the session by speaker. Raises SessionError."""
-    theirs: set[str] = set()
-    doubtful: list[SpokenUtterance] = []
-    others: list[SpokenUtterance] = []
-    for utterance in spoken(session):
-        if utterance.speaker not in ("participant", ""):
-            continue
-        if utterance.person_id in person_ids:
-            theirs.add(utterance.utterance_id)
-        elif utterance.person_id:
-            others.append(utterance)
-        elif utterance.text != FORGOTTEN and _is_during(utterance, tracks):
-            doubtful.append(utterance)
-    return Speech(frozenset(theirs), tuple(doubtful), tuple(others))
+    heard = [utterance for utterance in spoken(session) if utterance.speaker in ("participant", "")]
+    return Speech(
+        frozenset(one.utterance_id for one in heard if one.person_id in person_ids),
+        tuple(one for one in heard if not one.person_id and one.text != FORGOTTEN and _is_during(one, tracks)),
+        tuple(one for one in heard if one.person_id and one.person_id not in person_ids),
+    )
 
 
 def _is_during(utterance: SpokenUtterance, tracks: PersonTracks) -> bool:
@@ -335,7 +316,7 @@ def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
 
 Decision = Literal["redact", "keep", "remove", ""]
 """Decision about a place; ``remove`` is for whole files. Empty: undecided."""
-_AROUND = 48
+_AROUND, _TEXT_ENDS = 48, re.compile(r'[\n\r]|(?<!\\)"')
 _STAMP = re.compile(r'"stamp_ns":\s*(-?\d+)')
 _CHECKSUM = re.compile(r'"sha256":\s*"([0-9a-f]{64})"')
 _YAML = (".yaml", ".yml")
@@ -397,14 +378,12 @@ class TextWork:
         for start, end in self.words.spans(text):
             if any(from_ <= start and end <= until for from_, until in spoken):
                 continue
-            before, behind = _before(text, start), _behind(text, end)
+            # in the same line and JSON value
+            before = _TEXT_ENDS.split(text[max(0, start - _AROUND) : start])[-1]
+            behind = _TEXT_ENDS.split(text[end : end + _AROUND])[0]
             key = _key(file, before, text[start:end], behind)
-            known = self.places.get(key)
-            if known is None:
-                self.places[key] = Passage(key, file, where(), before, text[start:end], behind)
-            else:
-                self.places[key] = replace(known, count=known.count + 1)
-            found.append((start, end, self.decided(self.places[key])))
+            known = self.places.get(key) or Passage(key, file, where(), before, text[start:end], behind, count=0)
+            found.append((start, end, self._noted(replace(known, count=known.count + 1))))
         return sorted(found)
 
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
@@ -467,11 +446,10 @@ def lines_of(path: Path, encoding: str) -> Iterator[str]:
 
 def inspect_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
     """List the places of a file; True if anything is to be redacted. Raises OSError."""
-    to_change = False
+    found: list[tuple[int, int, Decision]] = []
     for number, line in enumerate(lines_of(path, encoding), start=1):
-        found = work.find(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
-        to_change = to_change or _is_to_change(found)
-    return to_change
+        found += work.find(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
+    return _is_to_change(found)
 
 
 def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: Path) -> int:
@@ -490,10 +468,10 @@ def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: P
 
 def inspect_photo(work: TextWork, path: Path, file: str) -> bool:
     """List the places in a PNG's texts; True if anything is to be redacted. Raises OSError."""
-    to_change = False
+    found: list[tuple[int, int, Decision]] = []
     for name, text in _photo_texts(path).items():
-        to_change = _is_to_change(work.find(text, file, lambda name=name: f"its {name}")) or to_change  # type: ignore[misc]
-    return to_change
+        found += work.find(text, file, lambda name=name: f"its {name}")  # type: ignore[misc]
+    return _is_to_change(found)
 
 
 def rewrite_photo(work: TextWork, path: Path, file: str, target: Path) -> int:
@@ -539,7 +517,9 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
                 text = _text_of(content[message.start : message.end])
                 text, words = without_words(text, work.utterances)
                 found.to_change = found.to_change or words > 0
-                spans = work.find(text, file, lambda text=text: _moment_of(text, moment))  # type: ignore[misc]
+                stamp = _STAMP.search(text)
+                where = partial(moment, int(stamp[1])) if stamp is not None else lambda: "somewhere"
+                spans = work.find(text, file, where)
                 if _is_to_change(spans):
                     found.to_change = True
                     utterance = _UTTERANCE.search(text)
@@ -606,24 +586,6 @@ def _text_of(data: bytes) -> str:
 
 def _is_to_change(found: list[tuple[int, int, Decision]]) -> bool:
     return any(decision == "redact" for _, _, decision in found)
-
-
-def _moment_of(text: str, moment: Callable[[int], str]) -> str:
-    stamp = _STAMP.search(text)
-    return moment(int(stamp[1])) if stamp is not None else "somewhere"
-
-
-# Text around a name
-
-
-def _before(text: str, start: int) -> str:
-    """Preceding text in the same line and JSON value."""
-    around = text[max(0, start - _AROUND) : start]
-    return re.split(r'[\n\r]|(?<!\\)"', around)[-1]
-
-
-def _behind(text: str, end: int) -> str:
-    return re.split(r'[\n\r]|(?<!\\)"', text[end : end + _AROUND])[0]
 
 
 def _key(file: str, before: str, name: str, behind: str) -> str:

@@ -18,7 +18,7 @@ from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
-from caris_desktop.recording.annotation.annotation_import import media_began_ms_of, read_eaf
+from caris_desktop.recording.annotation.annotation_import import media_spans_ms_of, read_eaf
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
@@ -373,18 +373,18 @@ def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> Non
         ],
         "audio": [{"file_name": "audio-m.wav", "first_stamp_ns": at(1.0)}],
     }
-    began_ms = media_began_ms_of(header_of(header, tmp_path / "session.json"))
-    assert began_ms == {"video-front.mp4": 2500, "audio-m.wav": 1000}
+    spans_ms = media_spans_ms_of(header_of(header, tmp_path / "session.json"))
+    assert {name: span_ms[0] for name, span_ms in spans_ms.items()} == {"video-front.mp4": 2500, "audio-m.wav": 1000}
     media = '<MEDIA_DESCRIPTOR MEDIA_URL="file:///C:/x%20y/video-front.mp4" MIME_TYPE="video/mp4" TIME_ORIGIN="300"/>'
     path = tmp_path / "x.eaf"
     path.write_text(FOREIGN.replace('"milliseconds"/>', f'"milliseconds">{media}</HEADER>'))
-    moved = read_eaf(path, coder="anna", media_began_ms=began_ms)
+    moved = read_eaf(path, coder="anna", media_spans_ms=spans_ms)
     assert [item.start_ms for item in moved.of_tier("eaf-1")] == [3800, 4800, 5800]
-    assert read_eaf(path, media_began_ms={}).annotations[0].start_ms == 1000
+    assert read_eaf(path, media_spans_ms={}).annotations[0].start_ms == 1000
     # Exports of this program use session time, although they link the same files.
     ours = eaf_text(coded("anna"), media=[LinkedMedia("video-front.mp4", "video/mp4", 0, "")])
     path.write_text(ours, encoding="utf-8")
-    assert read_eaf(path, media_began_ms=began_ms) == coded("anna")
+    assert read_eaf(path, media_spans_ms=spans_ms) == coded("anna")
 
 
 def test_a_file_that_elan_changed_keeps_what_is_ours(tmp_path: Path) -> None:

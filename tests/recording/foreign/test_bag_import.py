@@ -834,7 +834,7 @@ def test_only_a_bag_out_of_order_is_sorted_on_disk(tmp_path: Path, monkeypatch: 
     def full(*_arguments: object) -> None:
         raise sqlite3.OperationalError("database or disk is full")
 
-    monkeypatch.setattr(bag_files, "_sorted_in", full)
+    monkeypatch.setattr(bag_files.sqlite3, "connect", full)
     spoken = [
         (20 * 10**9, "stray"),
         *_driven(_TRUE_NS, 30),
