@@ -390,7 +390,17 @@ class _Synthesis:
                 self._fail_voice(detail)
             case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
                 self._voice = voice
-                self._report_instead(why_not)
+                # Report that another voice than the requested one is used.
+                if why_not:
+                    self._send(
+                        Problem(
+                            clock.now_ns(),
+                            "warning",
+                            localized(QT_TR_NOOP("This computer uses another voice: {why_not}."), why_not=why_not),
+                            localized(QT_TR_NOOP("Utterances are spoken with the voice {voice}."), voice=self._voice),
+                            GET_PIPER_VOICES,
+                        )
+                    )
                 if self._looks:
                     self._enter("looking", self._deadlines.look_s)
                 else:
@@ -519,19 +529,6 @@ class _Synthesis:
                 )
             )
         )
-
-    def _report_instead(self, why_not: str) -> None:
-        """Report that another voice than the requested one is used."""
-        if why_not:
-            self._send(
-                Problem(
-                    clock.now_ns(),
-                    "warning",
-                    localized(QT_TR_NOOP("This computer uses another voice: {why_not}."), why_not=why_not),
-                    localized(QT_TR_NOOP("Utterances are spoken with the voice {voice}."), voice=self._voice),
-                    GET_PIPER_VOICES,
-                )
-            )
 
     def _set_audible(self, audible: bool, detail: str) -> None:
         same, self._audible = audible == self._audible, audible

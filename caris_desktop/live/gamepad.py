@@ -597,7 +597,20 @@ class Gamepads(QObject):
             elif self.device is not None:
                 self._process_buttons(message)
         if newest is not None and self.device is not None:
-            self._process_sticks(newest)
+            self.sample = newest
+            self._process_buttons(newest)
+            self.sampled.emit(newest)
+            command = stick_command(self.mapping, newest.raw)
+            if self._blocked or clock.now_ns() - newest.stamp_ns > STALE_NS:
+                self._blocked = self._blocked and command.moving
+                command = AT_REST
+            if command != self.command:
+                self.command = command
+                if command.moving:
+                    self._watch.start()
+                else:
+                    self._watch.stop()
+                self.moved.emit(command)
 
     def _process_buttons(self, sample: GamepadSample) -> None:
         down = pressed_actions(self.mapping, sample.raw)
@@ -612,22 +625,6 @@ class Gamepads(QObject):
         up, self._down = self._down - down, down
         for action in sorted(up):
             self.released.emit(action)
-
-    def _process_sticks(self, sample: GamepadSample) -> None:
-        self.sample = sample
-        self._process_buttons(sample)
-        self.sampled.emit(sample)
-        command = stick_command(self.mapping, sample.raw)
-        if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
-            self._blocked = self._blocked and command.moving
-            command = AT_REST
-        if command != self.command:
-            self.command = command
-            if command.moving:
-                self._watch.start()
-            else:
-                self._watch.stop()
-            self.moved.emit(command)
 
     def _check_age(self) -> None:
         if self.command.moving and clock.now_ns() - self.sample.stamp_ns > STALE_NS:

@@ -34,7 +34,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.gate import Gate, Refusal
+from caris_desktop.live.gate import Gate
 from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.robot_connections import LiveRobots
@@ -549,17 +549,17 @@ class ReplayConsole(QObject):
             if isinstance(intent, intents.Stop):
                 self._stop()
             elif isinstance(intent, intents.EmergencyStop):
-                self._emergency_stop()
+                if self._live is None:
+                    self._report_no_robot()
+                else:
+                    self._live.emergency_stop(self._report_no_robot)
             return ""
         if not refusal.quiet:
-            self._refuse(refusal)
+            now_ns = self._parts.monotonic_ns()
+            if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
+                self._refused_ns = now_ns
+                self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
         return refusal.what
-
-    def _refuse(self, refusal: Refusal) -> None:
-        now_ns = self._parts.monotonic_ns()
-        if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
-            self._refused_ns = now_ns
-            self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
 
     def _report_failure(self, what: str, meaning: str, advice: str) -> None:
         self._notify("error", what, meaning, advice)
@@ -576,12 +576,6 @@ class ReplayConsole(QObject):
         """Stop the live robot, if any. Esc also closes popups, so it is not refused without one."""
         if self._live is not None:
             self._live.stop()
-
-    def _emergency_stop(self) -> None:
-        if self._live is None:
-            self._report_no_robot()
-        else:
-            self._live.emergency_stop(self._report_no_robot)
 
     def _report_no_robot(self) -> None:
         self._notify(

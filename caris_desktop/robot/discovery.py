@@ -164,7 +164,16 @@ async def explore_robot(
                 offer = await _with_received_streams(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
-            raise _no_rosapi(error) from error
+            raise ExploreError(
+                localized(
+                    QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=rosapi_reply(error)
+                ),
+                QT_TR_NOOP("No mapping can be proposed."),
+                QT_TR_NOOP(
+                    "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
+                    "write the profile by hand."
+                ),
+            ) from error
     return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
@@ -259,7 +268,9 @@ async def check_streams(
             elif otherwise:
                 report_check(_rated(named, "wrong", otherwise))
             elif kind is None:
-                report_check(_absent(named))
+                nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
+                detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
+                report_check(_rated(named, "nothing" if named.needed else "quiet", detail))
             elif kind and not any(same_type(kind, expected) for expected in named.types):
                 carries = QT_TR_NOOP("Its type is {kind}; {expected} was expected.")
                 other = localized(carries, kind=kind, expected=" / ".join(named.types))
@@ -319,17 +330,6 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
         QT_TR_NOOP("The robot closed the connection during the query."),
         QT_TR_NOOP("No mapping can be proposed."),
         advice,
-    )
-
-
-def _no_rosapi(error: Exception) -> ExploreError:
-    return ExploreError(
-        localized(QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=rosapi_reply(error)),
-        QT_TR_NOOP("No mapping can be proposed."),
-        QT_TR_NOOP(
-            "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
-            "write the profile by hand."
-        ),
     )
 
 
@@ -491,17 +491,14 @@ class _StreamListener:
         state: StreamState = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
             state = "slow"
-        late_s = self._late_s(offset_ns)
+        # Age of the last message on arrival, by the robot's clock.
+        stamp_ns = stamp_or_none(self._message)
+        late_s = None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
         if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
             state = "slow"
             late = localized(QT_TR_NOOP("The latency is {late} s."), late=f"{late_s:.1f}")
             detail = joined((detail, late))
         return _rated(named, state, detail, rate_hz, age_s)
-
-    def _late_s(self, offset_ns: int | None) -> float | None:
-        """Age of the last message on arrival, by the robot's clock."""
-        stamp_ns = stamp_or_none(self._message)
-        return None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
 
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
@@ -542,12 +539,6 @@ def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> 
 def _unknown(field: str, label: str, name: str) -> StreamCheck:
     words = QT_TR_NOOP("This cannot be checked without rosapi.")
     return StreamCheck(field, label, name, "quiet", None, None, words)
-
-
-def _absent(named: NamedTopic) -> StreamCheck:
-    nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
-    detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
-    return _rated(named, "nothing" if named.needed else "quiet", detail)
 
 
 def _rated(

@@ -102,7 +102,14 @@ def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
     fields: list[FieldProposal] = []
 
     def add(key: str, label: str, candidates: list[Candidate], least: float = 0.4) -> None:
-        fields.append(_proposal(key, label, candidates, least=least))
+        best = candidates[0] if candidates and candidates[0].confidence >= least else None
+        if best is not None:
+            reason = best.why
+        elif candidates:
+            reason = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
+        else:
+            reason = QT_TR_NOOP("The robot offers nothing of this kind.")
+        fields.append(FieldProposal(key, label, best.value if best else "", tuple(candidates), reason))
 
     def add_topics(kinds: Iterable[_Kind]) -> None:
         for kind in kinds:
@@ -464,17 +471,6 @@ class _Ranking:
             confidence=_clipped(candidate.confidence - 0.5),
             why=joined((candidate.why, localized(elsewhere, namespace=self._namespace))),
         )
-
-
-def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float = 0.4) -> FieldProposal:
-    best = candidates[0] if candidates and candidates[0].confidence >= least else None
-    if best is not None:
-        reason = best.why
-    elif candidates:
-        reason = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
-    else:
-        reason = QT_TR_NOOP("The robot offers nothing of this kind.")
-    return FieldProposal(key, label, best.value if best else "", tuple(candidates), reason)
 
 
 def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -32,7 +32,7 @@ from caris_desktop.conversation.prompts import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
-from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
+from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
@@ -775,7 +775,9 @@ class Exchanges(QObject):
                 exchange_id=exchange_id,
                 on_text=lambda answer: self._change(exchange_id, answer=answer, detail=""),
                 on_wait=lambda reason: self._change(exchange_id, detail=reason),
-                on_end=self._on_end,
+                on_end=lambda exchange: self._change(
+                    exchange.exchange_id, state=exchange.outcome, answer=exchange.answer, detail=exchange.detail
+                ),
                 actor=actor,
                 **how,
             )
@@ -834,9 +836,6 @@ class Exchanges(QObject):
         row = self._rows.pop(exchange_id)
         if row.state == "answered" and not row.use:
             self._publish(AnswerUsed(clock.now_ns(), exchange_id, "dismissed", row.answer, actor=actor))
-
-    def _on_end(self, exchange: LlmExchange) -> None:
-        self._change(exchange.exchange_id, state=exchange.outcome, answer=exchange.answer, detail=exchange.detail)
 
     def _change(self, exchange_id: str, **changes: Any) -> None:
         row = self._rows.get(exchange_id)

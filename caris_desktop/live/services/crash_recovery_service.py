@@ -86,7 +86,8 @@ class CrashRecoveryService(ContextService):
         }
 
     def follows(self) -> Follows:
-        return {InitialPoseSet: self._on_pose_set}
+        # Setting the robot's pose confirms it.
+        return {InitialPoseSet: lambda event: self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))}
 
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._scenario, scenario
@@ -150,12 +151,9 @@ class CrashRecoveryService(ContextService):
             self._slow_work.do(
                 _reporting_errors(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify
             )
-            self._over()
-
-    def _over(self) -> None:
-        """The resumed trial was recorded."""
-        self._resumed, self._confirmed, self.step = None, [], ""
-        self._state.going_on.set(CrashRecoveryStatus())
+            # The resumed trial was recorded.
+            self._resumed, self._confirmed, self.step = None, [], ""
+            self._state.going_on.set(CrashRecoveryStatus())
 
     def _on_changed(self, _value: object) -> None:
         if self._saved is not None and not self._soon.isActive():
@@ -248,7 +246,8 @@ class CrashRecoveryService(ContextService):
             self._note(ConfirmedAsBefore(clock.now_ns(), intent.what, intent.actor, intent.person_id))
             people = tuple(person for person in status.unconfirmed_people if person != intent.person_id)
             status = replace(status, unconfirmed_people=people)
-            if self._have_rows(people):
+            rows = (*self._state.persons.value, *self._state.everybody.value)
+            if any(row.person_id in people for row in rows):
                 self._state.going_on.set(status)
                 return
         # Confirming the last existing row covers everyone.
@@ -262,15 +261,6 @@ class CrashRecoveryService(ContextService):
     def _note(self, event: ConfirmedAsBefore) -> None:
         self._confirmed.append(event)
         self._bus.publish(event)
-
-    def _have_rows(self, people: tuple[str, ...]) -> bool:
-        """Whether any of them has a row: without one there is nothing to confirm."""
-        rows = (*self._state.persons.value, *self._state.everybody.value)
-        return any(row.person_id in people for row in rows)
-
-    def _on_pose_set(self, event: InitialPoseSet) -> None:
-        """Setting the robot's pose confirms it."""
-        self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
 
 
 def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:

@@ -143,7 +143,7 @@ class Practice:
         self._at: tuple[float, float] | None = None
         self._happened: Mapping[str, Callable[[Any], bool]] = {
             "drive": lambda _event: self._driven_m >= _DRIVEN_M,
-            "type": self._typed_while_driving,
+            "type": lambda event: self._moving and isinstance(event, UtteranceChanged) and event.origin == "typed",
             "phrase": lambda event: (
                 isinstance(event, UtteranceChanged)
                 and event.origin == "phrase"
@@ -214,9 +214,6 @@ class Practice:
         if before is not None and self._moved:
             self._driven_m += math.dist(before, self._at)
         self._moved = self._moving
-
-    def _typed_while_driving(self, event: Any) -> bool:
-        return self._moving and isinstance(event, UtteranceChanged) and event.origin == "typed"
 
     def _released(self, event: Any) -> bool:
         return self._latched and isinstance(event, EmergencyStopChanged) and not event.latched

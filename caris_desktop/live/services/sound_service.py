@@ -151,16 +151,13 @@ class PushToTalkVoice(QObject):
         if "computer" in self.outlets:
             self.playback.play(chunk)
         if "robot" in self.outlets:
-            self._play_on_robot(chunk, utterance_id)
-
-    def _play_on_robot(self, chunk: AudioChunk, utterance_id: str) -> None:  # reader thread of the microphone
-        if self._resampler is None:
-            self._resampler = Resampler(chunk.sample_rate_hz, self._rate_hz)
-        mono = chunk.samples.mean(axis=1, dtype=np.float32)
-        samples = np.clip(self._resampler.process(mono), -32768, 32767).astype(np.int16)[:, None]
-        now_ns = clock.now_ns()
-        if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
-            self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))
+            if self._resampler is None:
+                self._resampler = Resampler(chunk.sample_rate_hz, self._rate_hz)
+            mono = chunk.samples.mean(axis=1, dtype=np.float32)
+            samples = np.clip(self._resampler.process(mono), -32768, 32767).astype(np.int16)[:, None]
+            now_ns = clock.now_ns()
+            if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
+                self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))
 
     def _on_played(self, played: PlaybackStarted) -> None:  # reader thread of the playback
         self._note(PlayedSound(played.stamp_ns, played.stream_id, "", played.sample_rate_hz, played.samples))
