@@ -414,7 +414,12 @@ class ReplayPlayer(QObject):
             quick = self._clock.playing and self._clock.rate > KEY_FRAMES_FROM_RATE
             self._video.show(self._generation, value, nearest_key=quick)
         elif isinstance(value, StatusShown):
-            self._on_status(value)
+            if value.name != "camera" or not self._camera_chosen:
+                self._showing_status = True
+                try:
+                    self._put_status_back(value)
+                finally:
+                    self._showing_status = False
         else:
             self._state.add(value)
 
@@ -422,15 +427,6 @@ class ReplayPlayer(QObject):
         if not self._showing_status:
             self._camera_chosen = True
             self._jump()
-
-    def _on_status(self, status: StatusShown) -> None:
-        if status.name == "camera" and self._camera_chosen:
-            return
-        self._showing_status = True
-        try:
-            self._put_status_back(status)
-        finally:
-            self._showing_status = False
 
     def _put_status_back(self, status: StatusShown) -> None:
         if status.name == "recording":

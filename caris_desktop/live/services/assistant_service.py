@@ -270,7 +270,7 @@ class AssistantService(ContextService):
             self._addition.ask_to_end()
 
     def end(self) -> None:
-        self._server.end()
+        super().end()
         if self._addition is not None:
             self._addition.stop(grace_s=1.5)
 
@@ -310,8 +310,7 @@ class AssistantService(ContextService):
         question = intent.question.strip()
         if not question:
             return
-        too_long = characters_too_long(question)
-        if too_long:
+        if too_long := characters_too_long(question):
             raise RefusedError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
                 tr("The assistant was not asked; a shortened question could get a wrong answer."),
@@ -817,8 +816,7 @@ class Exchanges(QObject):
         row = self._rows.get(exchange_id or next(reversed(self._rows), ""))
         if row is None or row.use or not row.answer:
             return
-        as_it_stood = text.split() == row.answer.split()
-        use: Literal["said", "edited"] = "said" if as_it_stood else "edited"
+        use: Literal["said", "edited"] = "said" if text.split() == row.answer.split() else "edited"
         self._publish(AnswerUsed(clock.now_ns(), row.exchange_id, use, text, utterance_id, actor))
         self._change(row.exchange_id, use=use)
 

@@ -104,7 +104,7 @@ class CrashRecoveryService(ContextService):
             found = unfinished_trial.take_newest(self._parts.folder, self._parts.study)
             return (found, self._parts.details(found.session)) if found is not None else None
 
-        self._slow_work.do(_reporting_errors(work), self._on_found, _notify)
+        self._do_slowly(work, self._on_found)
 
     def end(self) -> None:
         """Called when the recording has ended normally."""
@@ -138,6 +138,14 @@ class CrashRecoveryService(ContextService):
             return []
         return [replace(self._resumed, stamp_ns=now_ns), *(replace(one, stamp_ns=now_ns) for one in self._confirmed)]
 
+    def _do_slowly(self, work: Callable[[], T], done: Callable[[T], None] = lambda _done: None) -> None:
+        def run() -> T:
+            with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
+                return work()
+
+        # No session data is lost by a failure: the log suffices.
+        self._slow_work.do(run, done, lambda failure: _log.warning("%s %s", failure.what, failure.meaning))
+
     # Saving
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
@@ -148,9 +156,7 @@ class CrashRecoveryService(ContextService):
         elif status.state in ("idle", "failed") and self._saved is not None:
             self._saved = None
             self._soon.stop()
-            self._slow_work.do(
-                _reporting_errors(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify
-            )
+            self._do_slowly(lambda: unfinished_trial.forget(self._parts.folder))
             # The resumed trial was recorded.
             self._resumed, self._confirmed, self.step = None, [], ""
             self._state.going_on.set(CrashRecoveryStatus())
@@ -174,7 +180,7 @@ class CrashRecoveryService(ContextService):
         )
         if trial != self._saved:
             self._saved = trial
-            self._slow_work.do(_reporting_errors(lambda: self._write(trial)), lambda _done: None, _notify)
+            self._do_slowly(lambda: self._write(trial))
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread
         if not self._end_expected:
@@ -210,9 +216,7 @@ class CrashRecoveryService(ContextService):
         if trial.attended:
             self._do(intents.AttendPerson(trial.attended, actor=intent.actor))
         self._offered, self.step = None, trial.step
-        self._slow_work.do(
-            _reporting_errors(lambda: self._parts.conversation(trial.session)), self._on_conversation, _notify
-        )
+        self._do_slowly(lambda: self._parts.conversation(trial.session), self._on_conversation)
         self._resumed = TrialResumed(clock.now_ns(), trial.session.name, intent.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
@@ -266,16 +270,3 @@ class CrashRecoveryService(ContextService):
 def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:
     """Permissions to record, and to pass data to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
-
-
-def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
-    def run() -> T:
-        with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
-            return work()
-
-    return run
-
-
-def _notify(failure: UserFacingError) -> None:
-    # No session data is lost: the log suffices.
-    _log.warning("%s %s", failure.what, failure.meaning)

@@ -48,10 +48,7 @@ class ForgettingService(ContextService):
         return (self._process,)
 
     def stop(self) -> None:
-        self._process.ask_to_end()
-
-    def end(self) -> None:
-        self._process.end()  # an interrupted erasure resumes when requested again
+        self._process.ask_to_end()  # an interrupted erasure resumes when requested again
 
     def _forget(self, intent: intents.ForgetPerson) -> None:
         if self._process.child is not None:

@@ -284,10 +284,6 @@ class SoundService(ContextService):
         self._open_for.stop()
         self._deaf.stop()
 
-    def end(self) -> None:
-        self._hearing.process.end()
-        self._voice.playback.process.end()
-
     # Push-to-talk
 
     def _push_to_talk(self, intent: intents.PushToTalk) -> None:
@@ -310,7 +306,7 @@ class SoundService(ContextService):
             robot = self._state.robot.value
             rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
             self._voice.begin(self._outlets(scenario), rate_hz, intent.actor)
-        self._show(talking=intent.to)
+        self._state.sound.update(talking=intent.to)
         self._update_hearing()
         self._open_for.stop()
         self._microphones.open_wizards()
@@ -335,7 +331,7 @@ class SoundService(ContextService):
             self._deaf.start()
         else:
             self._microphones.mute_wizards()
-        self._show(talking="")
+        self._state.sound.update(talking="")
         self._open_for.start()
         self._update_hearing()
 
@@ -343,7 +339,7 @@ class SoundService(ContextService):
         if self._state.sound.value.talking != "dictation":
             self._microphones.mute_wizards()
         if self._state.sound.value.talking == "robot":
-            self._show(talking="")
+            self._state.sound.update(talking="")
             self._open_for.start()
         if detail and detail != "no speech was played":
             self._problem(
@@ -372,14 +368,14 @@ class SoundService(ContextService):
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
             )  # fmt: skip
-        self._show(volume=intent.volume)
+        self._state.sound.update(volume=intent.volume)
         self._hearing.set_volume(intent.volume)
         self._hear(intent.on)
 
     def _hear(self, on: bool) -> None:
         if on == self._state.sound.value.hearing:
             return
-        self._show(hearing=on)
+        self._state.sound.update(hearing=on)
         self._microphones.need_hearing(on)
         if on:
             self._hearing.begin(_HEARING, volume=self._state.sound.value.volume)
@@ -406,9 +402,6 @@ class SoundService(ContextService):
             tr("Connect headphones or start the sound server, then start listening again."),
             cause=ANSWER,
         )
-
-    def _show(self, **changed: object) -> None:
-        self._state.sound.update(**changed)
 
 
 _STUCK_AFTER_MS = 5000
