@@ -452,13 +452,9 @@ class RobotControls:
                     advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
                 )
             else:
-                self._on_value(control.id, value)
-
-    def _on_value(self, control: str, value: ControlValue | None) -> None:
-        if value is None or (control in self._values and self._values[control] == value):
-            return
-        self._values[control] = value
-        self._report_values_soon()
+                if value is not None and self._values.get(control.id) != value:
+                    self._values[control.id] = value
+                    self._report_values_soon()
 
     def _report_values_soon(self) -> None:
         if self._timer is None:

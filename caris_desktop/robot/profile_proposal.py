@@ -158,8 +158,6 @@ def profile_of(
     stamped = same_type(offer.topics.get(velocity, ""), "geometry_msgs/TwistStamped")
     frames = _frames(offer)
     maps = MapServices(given("maps.slam_toolbox"), given("maps.map_server"), given("maps.map_saver"))
-    speech = _speech(offer, chosen)
-    stop = _emergency_stop(offer, given("emergency_stop.topic"), given("emergency_stop.service"))
     ros2 = offer.dialect is Dialect.ROS2
     navigation = given("navigation")
     return RobotProfile(
@@ -185,9 +183,9 @@ def profile_of(
         navigation=_navigation(offer, navigation) if navigation else None,
         initial_pose=given("initial_pose"),
         maps=maps if maps != MapServices() else None,
-        speech=speech,
+        speech=_speech(offer, chosen),
         audio=_audio(offer, chosen),
-        emergency_stop=stop,
+        emergency_stop=_emergency_stop(offer, given("emergency_stop.topic"), given("emergency_stop.service")),
         head=_head(offer, given("head")),
     )
 
