@@ -107,7 +107,11 @@ def _copy_all(arguments: argparse.Namespace) -> int:
     review = out.with_name(f"{out.name}-review.csv")
     sessions = sessions_in(arguments.recording)
     study = _study_of(arguments.recording)
-    _check_places(study, out, review)
+    home = study.path.resolve()
+    if home in (out.resolve(), *out.resolve().parents):
+        raise ExportError(_INSIDE, out=out)
+    if review.exists():
+        raise ExportError(_REVIEW_EXISTS, review=review)
     study_file = study_file_of(sessions[0])
     if study_file is not None:
         read_study_file(study_file)
@@ -163,14 +167,6 @@ def _study_of(recording: Path) -> StudyFolder:
     if is_session(path):
         return StudyFolder(path.parent.parent if path.parent.name == "sessions" else path)
     return StudyFolder(study_dir_of(path))
-
-
-def _check_places(study: StudyFolder, out: Path, review: Path) -> None:
-    home = study.path.resolve()
-    if home in (out.resolve(), *out.resolve().parents):
-        raise ExportError(_INSIDE, out=out)
-    if review.exists():
-        raise ExportError(_REVIEW_EXISTS, review=review)
 
 
 def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: StudyFolder) -> AnonymiseOptions:

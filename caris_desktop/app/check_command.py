@@ -79,7 +79,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     if scenario.permissions.assistant:
         for model in dict.fromkeys((scenario.assistant.model, *scenario.assistant.models)):
             if not model.startswith("plugin:"):
-                yield _language_model(model, scenario)
+                found = probe_language_model(model, local_only=not scenario.permissions.cloud_models)
+                yield Finding("Language model", found.ok, found.text, found.advice)
     yield from _disk(arguments)
 
 
@@ -197,11 +198,6 @@ def recogniser_finding(scenario: Scenario) -> Finding:
         return Finding("Speech to text", False, error.what, advice)
     answer = f"{engine.model} transcribes one second of audio in {took_s:.1f} s"
     return Finding("Speech to text", True, f"{answer}; {request_form}" if request_form else answer)
-
-
-def _language_model(model: str, scenario: Scenario) -> Finding:
-    found = probe_language_model(model, local_only=not scenario.permissions.cloud_models)
-    return Finding("Language model", found.ok, found.text, found.advice)
 
 
 def _disk(arguments: argparse.Namespace) -> Iterator[Finding]:

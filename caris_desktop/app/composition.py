@@ -619,7 +619,11 @@ def _folders() -> dict[PartKind, Path]:
 def _checked(path: Path) -> Bundle:
     bundle = read_bundle(path)
     for part in bundle.beside:
-        _check(part, path)
+        file_name = f"{path.name}, {part.kind}/{part.name}.yaml"
+        if part.kind == "robot":
+            parse_profile(part.text, file_name=file_name, name=part.name)
+        else:
+            parse_face(part.text, file_name=file_name, name=part.name)
     return bundle
 
 
@@ -643,14 +647,6 @@ def _next_to(scenario: Scenario) -> list[BundledFile]:
     if face.is_file():
         parts.append(BundledFile("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
     return parts
-
-
-def _check(part: BundledFile, bundle: Path) -> None:
-    file_name = f"{bundle.name}, {part.kind}/{part.name}.yaml"
-    if part.kind == "robot":
-        parse_profile(part.text, file_name=file_name, name=part.name)
-    else:
-        parse_face(part.text, file_name=file_name, name=part.name)
 
 
 def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:

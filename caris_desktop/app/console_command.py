@@ -77,29 +77,25 @@ def held(study: Path, consoles: Path) -> Iterator[None]:
             # A read-only study is reported when something is to be written.
             _log.warning("the study %s is not locked: %s", study, lock.error())
             break
-        _leave_it(lock, study, consoles, impatient=time.monotonic() > until_s)
+        # Leave the study to the console that holds it, unless that is still starting or about to end.
+        pid, host, _program = lock.getLockInfo()
+        if pid and host != platform.node():
+            raise StartError(
+                f"The study {study} is open on the computer {host}. Two consoles cannot use the same study. "
+                "Close it on that computer, or choose another folder with --study."
+            )
+        if pid and show_window(consoles, pid):
+            raise AlreadyOpenError(f"The study {study} is already open: its window was brought to the front.")
+        if time.monotonic() > until_s:
+            raise StartError(
+                f"The study {study} is open in another console (process {pid}), which does not respond. "
+                "Close that console, or choose another folder with --study."
+            )
         time.sleep(_TRIES_AFTER_S)
     try:
         yield
     finally:
         lock.unlock()
-
-
-def _leave_it(lock: QLockFile, study: Path, consoles: Path, *, impatient: bool) -> None:
-    """Leave the study to the console that holds it. Returns if that is still starting, or about to end."""
-    pid, host, _program = lock.getLockInfo()
-    if pid and host != platform.node():
-        raise StartError(
-            f"The study {study} is open on the computer {host}. Two consoles cannot use the same study. "
-            "Close it on that computer, or choose another folder with --study."
-        )
-    if pid and show_window(consoles, pid):
-        raise AlreadyOpenError(f"The study {study} is already open: its window was brought to the front.")
-    if impatient:
-        raise StartError(
-            f"The study {study} is open in another console (process {pid}), which does not respond. "
-            "Close that console, or choose another folder with --study."
-        )
 
 
 _log = logging.getLogger(__name__)
@@ -149,7 +145,7 @@ class ConsoleRun:
         parts = composition.parts(
             study=study,
             cameras=arguments.camera,
-            address_of=self._address_of,
+            address_of=lambda robot: self.demo_robot.address_of(robot) if self.demo_robot is not None else None,
             microphone=composition.microphones(self._stored_microphone, self._store_microphone),
         )
         practice = replace(parts.practice, robot=self._use_simulated_robot, cut_link=self._cut_link)
@@ -331,9 +327,6 @@ class ConsoleRun:
     def _cut_link(self, seconds: float) -> None:
         if self.demo_robot is not None:
             self.demo_robot.call(FAULT, [{"command": f"drop_link:{seconds:g}"}])
-
-    def _address_of(self, robot: str) -> str | None:
-        return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
 
     def _scenario_to_start_with(self) -> tuple[Scenario, str]:
         """Requested scenario, else that of the last run; if that is invalid, the tour guide and the invalid one's name.

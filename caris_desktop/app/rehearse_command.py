@@ -490,7 +490,10 @@ class Rehearsal(QObject):
         self._hold(set())
         if failure:
             self._screenshot("failed")
-        self._write_screenshots()
+        for path, image in self.screenshots.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not image.save(str(path)):
+                _log.error("%s could not be written", path)
         (self._out / "rehearsal.json").write_text(
             json.dumps({"failure": failure, "steps": self.steps}, indent=2), encoding="utf-8"
         )
@@ -512,12 +515,6 @@ class Rehearsal(QObject):
             inside = self._window.geometry()
             picture = self._window.screen().grabWindow(0, inside.x(), inside.y(), inside.width(), inside.height())
         self.screenshots[path] = picture.toImage()
-
-    def _write_screenshots(self) -> None:
-        for path, image in self.screenshots.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if not image.save(str(path)):
-                _log.error("%s could not be written", path)
 
 
 def _distance_m(pose: Pose2D, other: Pose2D) -> float:

@@ -23,7 +23,7 @@ from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen, on_signals
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
 from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own_settings, retranslated_failure
-from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
+from caris_desktop.domain.events import LayoutChanged, Problem, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.background_worker import do_in_parallel
@@ -164,7 +164,7 @@ def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str
         start_scenario=_first_scenario(session),
         read_scenario=_read_scenario,
         read_layout=_read_layout,
-        read_robot=_read_robot,
+        read_robot=lambda chosen: _or_raise(_robot_in(chosen.profile, chosen.name)),
         name_of=name_of,
         end_ns=session.ended_ns,
         cameras=videos.cameras,
@@ -215,7 +215,12 @@ def _imported(bag: Path) -> Path:
         if (folder / "session.json").exists():
             return folder
         folder.parent.mkdir(parents=True, exist_ok=True)
-        _remove_unfinished_imports(folder.parent)
+        # Remove what killed programs left behind; younger imports may still be in progress. Raises OSError.
+        for path in folder.parent.iterdir():
+            unfinished = path.name.startswith(_IMPORT_PREFIX) or (path.name[:1] == "." and path.suffix == ".importing")
+            if unfinished and not path.is_symlink() and time.time() - path.stat().st_mtime > _UNFINISHED_AFTER_S:
+                _log.info("removing %s, which an import left behind", path)
+                shutil.rmtree(path, ignore_errors=True)
         print(f"Reading {bag.name} …", file=sys.stderr)
         gc.enable()  # as above
         # A folder of another name until it is whole.
@@ -243,15 +248,6 @@ def _imported(bag: Path) -> Path:
     for topic in report.not_understood:
         print(f"Skipped: {topic.topic} ({topic.type}): {topic.reason}", file=sys.stderr)
     return folder
-
-
-def _remove_unfinished_imports(folder: Path) -> None:
-    """Remove what killed programs left behind; younger imports may still be in progress. Raises OSError."""
-    for path in folder.iterdir():
-        unfinished = path.name.startswith(_IMPORT_PREFIX) or (path.name[:1] == "." and path.suffix == ".importing")
-        if unfinished and not path.is_symlink() and time.time() - path.stat().st_mtime > _UNFINISHED_AFTER_S:
-            _log.info("removing %s, which an import left behind", path)
-            shutil.rmtree(path, ignore_errors=True)
 
 
 def _import_name(bag: Path) -> str:
@@ -285,10 +281,6 @@ def _read_layout(changed: LayoutChanged) -> LayoutNode:
     if isinstance(layout, ValueError):
         raise layout.with_traceback(None)
     return layout
-
-
-def _read_robot(chosen: RobotChosen) -> RobotProfile:
-    return _or_raise(_robot_in(chosen.profile, chosen.name))
 
 
 def _or_raise(read: T | ValueError) -> T:

@@ -7,7 +7,6 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import field
 from multiprocessing.connection import Connection
 from typing import Any
@@ -213,13 +212,22 @@ class _Microphone(_DeviceProcess):
             device = name or None
             info = sounddevice.query_devices(device, "input")
             self._rate_hz = _usable_rate(sounddevice, device, info)
+            blocks, rate_hz = self._blocks, self._rate_hz
+
+            def on_block(samples: NDArray[np.int16], frames: int, times: Any, _status: Any) -> None:
+                # In PortAudio's thread: only copy, and note the time of the first sample.
+                ago_s = times.currentTime - times.inputBufferAdcTime
+                if not 0.0 < ago_s < _PLAUSIBLE_DELAY_S:
+                    ago_s = frames / rate_hz
+                blocks.put((clock.now_ns() - round(ago_s * 1e9), samples.copy()))
+
             stream = sounddevice.InputStream(
                 samplerate=self._rate_hz,
                 channels=1,
                 dtype="int16",
                 device=device,
                 blocksize=round(self._rate_hz * _BLOCK_S),
-                callback=self._on_block(),
+                callback=on_block,
                 finished_callback=lambda: self._blocks.put(None),
             )
             stream.start()
@@ -232,18 +240,6 @@ class _Microphone(_DeviceProcess):
         # Push-to-talk speech must be complete.
         self._settling_until_s = 0.0 if self._source == WIZARD_MICROPHONE else self._received_s + _SETTLING_S
         self._opened = MicrophoneOpened(str(info["name"]), self._rate_hz)
-
-    def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
-        blocks, rate_hz = self._blocks, self._rate_hz
-
-        def on_block(samples: NDArray[np.int16], frames: int, times: Any, _status: Any) -> None:
-            # In PortAudio's thread: only copy, and note the time of the first sample.
-            ago_s = times.currentTime - times.inputBufferAdcTime
-            if not 0.0 < ago_s < _PLAUSIBLE_DELAY_S:
-                ago_s = frames / rate_hz
-            blocks.put((clock.now_ns() - round(ago_s * 1e9), samples.copy()))
-
-        return on_block
 
     def _list(self) -> Any:
         """List the inputs and report them; return the audio library, None if unavailable."""
@@ -474,7 +470,13 @@ class _Playback(_DeviceProcess):
                 self._close()
                 self._stream_id, self._volume, self._most_s = stream_id, volume, most_s
             case PlayThis(rate_hz, samples) if self._stream_id:
-                self._play(rate_hz, samples)
+                if self._stream is None or rate_hz != self._rate_hz:
+                    self._open(rate_hz)
+                if self._buffer is None:
+                    return
+                mono = samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1)
+                with self._lock:
+                    self._buffer.push((mono * self._volume).astype(np.int16))
             case SetVolume(volume):
                 self._volume = volume
             case EndPlaying(at_once) if self._stream_id:
@@ -488,15 +490,6 @@ class _Playback(_DeviceProcess):
                 pass  # failed earlier, with more data on its way
             case other:
                 _log.error("unknown command %r", other)
-
-    def _play(self, rate_hz: int, samples: NDArray[np.int16]) -> None:
-        if self._stream is None or rate_hz != self._rate_hz:
-            self._open(rate_hz)
-        if self._buffer is None:
-            return
-        mono = samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1)
-        with self._lock:
-            self._buffer.push((mono * self._volume).astype(np.int16))
 
     def _work(self) -> None:
         if self._stream is None:
@@ -517,6 +510,19 @@ class _Playback(_DeviceProcess):
         self._close_stream()
         buffer = JitterBuffer(rate_hz, self._most_s)
         try:
+            played, lock = self._played, self._lock
+
+            def fill(out: Any, frames: int, times: Any, _status: Any) -> None:
+                # In PortAudio's thread: only copy, and note the playback time.
+                with lock:
+                    samples, sound = buffer.pull(frames)
+                out[:] = samples.tobytes()
+                if sound:
+                    ahead_s = times.outputBufferDacTime - times.currentTime
+                    if not 0.0 <= ahead_s < _PLAUSIBLE_DELAY_S:
+                        ahead_s = _LATENCY_S + frames / rate_hz
+                    played.put((clock.now_ns() + round(ahead_s * 1e9), samples[:sound]))
+
             stream = _portaudio().RawOutputStream(
                 samplerate=rate_hz,
                 channels=1,
@@ -524,7 +530,7 @@ class _Playback(_DeviceProcess):
                 device=self._device,
                 latency=_LATENCY_S,
                 blocksize=round(rate_hz * _PLAYED_BLOCK_S),
-                callback=self._filler(buffer, rate_hz),
+                callback=fill,
                 finished_callback=lambda: self._played.put(None),
             )
             stream.start()
@@ -534,22 +540,6 @@ class _Playback(_DeviceProcess):
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
         self._stream, self._buffer, self._rate_hz = stream, buffer, rate_hz
-
-    def _filler(self, buffer: JitterBuffer, rate_hz: int) -> Any:
-        played, lock = self._played, self._lock
-
-        def fill(out: Any, frames: int, times: Any, _status: Any) -> None:
-            # In PortAudio's thread: only copy, and note the playback time.
-            with lock:
-                samples, sound = buffer.pull(frames)
-            out[:] = samples.tobytes()
-            if sound:
-                ahead_s = times.outputBufferDacTime - times.currentTime
-                if not 0.0 <= ahead_s < _PLAUSIBLE_DELAY_S:
-                    ahead_s = _LATENCY_S + frames / rate_hz
-                played.put((clock.now_ns() + round(ahead_s * 1e9), samples[:sound]))
-
-        return fill
 
     def _end(self) -> None:
         """End the stream after the device's buffer has been played."""

@@ -1,5 +1,6 @@
 """Speech synthesis process: queues utterances, reports their progress, and paces them without sound output."""
 
+import contextlib
 import json
 import logging
 import os
@@ -147,7 +148,7 @@ def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = Synthe
     SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
     AudioChunk of played audio, PlayedSound and PlayedSoundEnded.
     """
-    inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+    inbox: EngineInbox = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
     desk = _Synthesis(connection, deadlines, inbox)
     try:
@@ -170,14 +171,11 @@ def speakable(text: str) -> str:
 _CONSOLE = 0
 
 
-def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, Any]]") -> None:
-    while True:
-        try:
-            message = connection.recv()
-        except (EOFError, OSError):
-            inbox.put((_CONSOLE, None))
-            return
-        inbox.put((_CONSOLE, message))
+def _read_console(connection: Connection, inbox: EngineInbox) -> None:
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            inbox.put((_CONSOLE, connection.recv()))
+    inbox.put((_CONSOLE, None))
 
 
 class _SynthesisedSound:
@@ -204,10 +202,8 @@ class _SynthesisedSound:
         while self.started_ns and self._reported < len(self._parts):
             at, samples = self._parts[self._reported]
             self._reported += 1
-            utterance = self._utterance
-            yield PlayedSound(
-                self._stamp_ns(at), utterance.utterance_id, utterance.text, self._rate_hz, samples[:, None]
-            )
+            said = self._utterance
+            yield PlayedSound(self._stamp_ns(at), said.utterance_id, said.text, self._rate_hz, samples[:, None])
 
     def recorded(self, played_s: float) -> Iterator[AudioChunk]:
         """Audio played since the last call, joined where there was no silence."""
@@ -232,9 +228,7 @@ class _SynthesisedSound:
 class _Synthesis:
     """One utterance at a time through an untrusted engine: every phase has a deadline."""
 
-    def __init__(
-        self, connection: Connection, deadlines: SynthesisDeadlines, inbox: "queue.SimpleQueue[tuple[int, Any]]"
-    ) -> None:
+    def __init__(self, connection: Connection, deadlines: SynthesisDeadlines, inbox: EngineInbox) -> None:
         self._send = connection.send
         self._settings = SynthesisSettings()
         self._deadlines = deadlines
@@ -307,8 +301,7 @@ class _Synthesis:
 
     def _use(self, settings: SynthesisSettings) -> None:
         before, self._settings = self._settings, settings
-        changed = not settings.tunes(before)
-        if self._engine is not None and not changed:
+        if self._engine is not None and settings.tunes(before):
             self._engine.send("tune", rate=settings.rate, volume=settings.volume)
         elif self._now is not None:
             self._outdated = True
@@ -390,7 +383,17 @@ class _Synthesis:
                 self._fail_voice(detail)
             case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
                 self._voice = voice
-                self._report_instead(why_not)
+                # Report that another voice than the requested one is used.
+                if why_not:
+                    self._send(
+                        Problem(
+                            clock.now_ns(),
+                            "warning",
+                            localized(QT_TR_NOOP("This computer uses another voice: {why_not}."), why_not=why_not),
+                            localized(QT_TR_NOOP("Utterances are spoken with the voice {voice}."), voice=self._voice),
+                            GET_PIPER_VOICES,
+                        )
+                    )
                 if self._looks:
                     self._enter("looking", self._deadlines.look_s)
                 else:
@@ -519,19 +522,6 @@ class _Synthesis:
                 )
             )
         )
-
-    def _report_instead(self, why_not: str) -> None:
-        """Report that another voice than the requested one is used."""
-        if why_not:
-            self._send(
-                Problem(
-                    clock.now_ns(),
-                    "warning",
-                    localized(QT_TR_NOOP("This computer uses another voice: {why_not}."), why_not=why_not),
-                    localized(QT_TR_NOOP("Utterances are spoken with the voice {voice}."), voice=self._voice),
-                    GET_PIPER_VOICES,
-                )
-            )
 
     def _set_audible(self, audible: bool, detail: str) -> None:
         same, self._audible = audible == self._audible, audible

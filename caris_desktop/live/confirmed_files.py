@@ -9,6 +9,7 @@ import json
 import logging
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import parse_qs, urlsplit
@@ -206,8 +207,7 @@ def accept_written_profile(profile: RobotProfile, path: Path) -> None:
     try:
         check_profile(profile, str(path))
     except ConfirmationNeededError as needed:
-        seen = all(one.kind in ("motion", "held") or one.place == "address" for one in needed.question.named)
-        if seen:
+        if all(one.kind in ("motion", "held") or one.place == "address" for one in needed.question.named):
             accept(needed.question)
 
 
@@ -254,22 +254,16 @@ def _check(question: FileQuestion) -> None:
             known = confirmed
     if named <= known:
         return  # an edit without new references needs no question
-    unconfirmed = FileQuestion(
-        question.title, question.path, question.sha256, question.named, frozenset(known), question.then
-    )
-    raise ConfirmationNeededError(unconfirmed)
+    raise ConfirmationNeededError(replace(question, known=frozenset(known)))
 
 
 def _references(external: External, value: Any, place: str) -> Iterator[FileReference]:
     text = str(value).strip()
     match external:
-        case "network":
-            if value is True or value == "network":
-                yield FileReference("network", tr("{key} is on").format(key=place), place)
-        case "variable":
-            yield FileReference("variable", text, place)
-        case "path":
-            yield FileReference("path", text, place)
+        case "network" if value is True or value == "network":
+            yield FileReference("network", tr("{key} is on").format(key=place), place)
+        case "variable" | "path":
+            yield FileReference(external, text, place)
         case "model" | "recogniser" | "voice":
             if text.startswith("plugin:"):
                 yield _plugin("detectors" if external == "model" else "speech", text.partition(":")[2], place)
@@ -284,20 +278,14 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
             yield FileReference("address", text, place)
             if of_plugin[0] not in BUILT_IN["robots"]:
                 yield _plugin("robots", of_plugin[0], place)
-        case "address":
-            if "://" in text:
-                yield FileReference("address", _shown(text), place)
-        case "robot":
-            if "://" in text:
-                yield FileReference("address", _shown(text), place)
-            elif not _PLAIN_NAME.fullmatch(text):
-                yield FileReference("path", text, place)
-        case "tracker":
-            if text not in BUILT_IN["trackers"]:
-                yield _plugin("trackers", text, place)
-        case "panel":
-            if text.startswith("plugin:"):
-                yield _plugin("panels", text.partition(":")[2], place)
+        case "address" | "robot" if "://" in text:
+            yield FileReference("address", _shown(text), place)
+        case "robot" if not _PLAIN_NAME.fullmatch(text):
+            yield FileReference("path", text, place)
+        case "tracker" if text not in BUILT_IN["trackers"]:
+            yield _plugin("trackers", text, place)
+        case "panel" if text.startswith("plugin:"):
+            yield _plugin("panels", text.partition(":")[2], place)
         case "camera":
             yield from _camera(text, place)
 
@@ -365,7 +353,7 @@ def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
         files = sorted(one for one in file.iterdir() if one.is_file()) if file.is_dir() else [file]
         if not all(one.is_file() for one in files) or sum(one.stat().st_size for one in files) > _MOST_HASHED_BYTES:
             return reference
-        return FileReference(reference.kind, reference.text, reference.place, sha256_of(*files))
+        return replace(reference, digest=sha256_of(*files))
     except (OSError, ValueError):
         return reference
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd
+from caris_desktop.domain.events import ANSWER, ProblemEnd
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import People
@@ -166,7 +166,7 @@ class Console(QObject):
         self.check_before_recording, self.robots = self._session.check_before, parts.robots.choices
         self.connect_robot = another_robot.connect_to  # from composition only, as use_robot
         self.expect_end, self.expect_shutdown = going_on.expect_end, going_on.expect_shutdown
-        self.problem = bus.problem
+        self.problem, self.report = bus.problem, bus.publish
 
         # Recording starts first and ends last, so that nothing is missing; the robot is stopped before all other
         # services.
@@ -244,10 +244,6 @@ class Console(QObject):
         """Process ids of the children by name."""
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         return {name: pid for name, pid in pids.items() if pid is not None}
-
-    def report(self, problem: Problem) -> None:
-        """Report a problem to wizard and record."""
-        self._bus.publish(problem)
 
     # Start and shutdown
 

@@ -131,12 +131,11 @@ def run_forgetting(connection: Connection, request: ErasureRequest) -> None:
         # The robot may be driven meanwhile.
         os.nice(10)
 
-    def report_progress(fraction: float, what: str) -> None:
-        connection.send(ForgettingProgress(fraction, what))
-
     try:
         try:
-            ended = ForgettingEnded(forget(request, report_progress))
+            ended = ForgettingEnded(
+                forget(request, lambda fraction, what: connection.send(ForgettingProgress(fraction, what)))
+            )
         except UserFacingError as failure:
             ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
         connection.send(ended)

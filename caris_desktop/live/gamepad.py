@@ -485,12 +485,8 @@ class GamepadSample(Value):
     raw: RawInputs
 
 
-class _Plugged(Value):
-    device: GamepadDevice | None  # None: unplugged
-
-
-class _Failed(Value):
-    detail: str
+_Message = GamepadDevice | GamepadSample | str | None
+"""Device that was plugged in, None for one that was unplugged; its input; or why gamepads cannot be used."""
 
 
 class Gamepads(QObject):
@@ -590,14 +586,27 @@ class Gamepads(QObject):
             self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
         for message in messages:
-            if isinstance(message, _Plugged):
-                self._on_plugged(message.device)
-            elif isinstance(message, _Failed):
-                self._state.gamepad.set(GamepadStatus(detail=message.detail))
+            if message is None or isinstance(message, GamepadDevice):
+                self._on_plugged(message)
+            elif isinstance(message, str):
+                self._state.gamepad.set(GamepadStatus(detail=message))
             elif self.device is not None:
                 self._process_buttons(message)
         if newest is not None and self.device is not None:
-            self._process_sticks(newest)
+            self.sample = newest
+            self._process_buttons(newest)
+            self.sampled.emit(newest)
+            command = stick_command(self.mapping, newest.raw)
+            if self._blocked or clock.now_ns() - newest.stamp_ns > STALE_NS:
+                self._blocked = self._blocked and command.moving
+                command = AT_REST
+            if command != self.command:
+                self.command = command
+                if command.moving:
+                    self._watch.start()
+                else:
+                    self._watch.stop()
+                self.moved.emit(command)
 
     def _process_buttons(self, sample: GamepadSample) -> None:
         down = pressed_actions(self.mapping, sample.raw)
@@ -612,22 +621,6 @@ class Gamepads(QObject):
         up, self._down = self._down - down, down
         for action in sorted(up):
             self.released.emit(action)
-
-    def _process_sticks(self, sample: GamepadSample) -> None:
-        self.sample = sample
-        self._process_buttons(sample)
-        self.sampled.emit(sample)
-        command = stick_command(self.mapping, sample.raw)
-        if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
-            self._blocked = self._blocked and command.moving
-            command = AT_REST
-        if command != self.command:
-            self.command = command
-            if command.moving:
-                self._watch.start()
-            else:
-                self._watch.stop()
-            self.moved.emit(command)
 
     def _check_age(self) -> None:
         if self.command.moving and clock.now_ns() - self.sample.stamp_ns > STALE_NS:
@@ -673,26 +666,21 @@ class _Inbox:
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
         self._lock = threading.Lock()
-        self._messages: deque[_Plugged | _Failed | GamepadSample] = deque()
+        self._messages: deque[_Message] = deque()
         self._newest: GamepadSample | None = None
 
-    def put(self, message: "_Plugged | _Failed | GamepadSample") -> None:
+    def put(self, message: _Message, *, position_only: bool = False) -> None:
+        """Add a message. A sample is also the newest position, with ``position_only`` nothing else."""
         with self._lock:
             was_empty = not self._messages and self._newest is None
-            self._messages.append(message)
-            if isinstance(message, _Plugged):
-                self._newest = None  # from another device
+            if not position_only:
+                self._messages.append(message)
+            # The position of a device that was exchanged does not count.
+            self._newest = message if isinstance(message, GamepadSample) else None
         if was_empty:
             self._wake()
 
-    def put_newest(self, sample: GamepadSample) -> None:
-        with self._lock:
-            was_empty = not self._messages and self._newest is None
-            self._newest = sample
-        if was_empty:
-            self._wake()
-
-    def drain(self) -> "tuple[list[_Plugged | _Failed | GamepadSample], GamepadSample | None]":
+    def drain(self) -> tuple[list[_Message], GamepadSample | None]:
         with self._lock:
             messages, newest = list(self._messages), self._newest
             self._messages.clear()
@@ -733,14 +721,14 @@ class _Reader:
             self._controller.init()
         except Exception as error:  # the console works without gamepads, whatever fails in SDL
             _log.exception("gamepads cannot be used")
-            self._inbox.put(_Failed(localized(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error)))
+            self._inbox.put(localized(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error))
             return
         try:
             self._listen()
         except Exception:
             _log.exception("the gamepad thread failed")
-            self._inbox.put(_Plugged(None))
-            self._inbox.put(_Failed(QT_TR_NOOP("The gamepad stopped working: restart the program to use it")))
+            self._inbox.put(None)
+            self._inbox.put(QT_TR_NOOP("The gamepad stopped working: restart the program to use it"))
         finally:
             self._joystick = None
             self._controller.quit()
@@ -767,7 +755,7 @@ class _Reader:
         if event.type == pygame.JOYDEVICEREMOVED and event.instance_id == self._instance:
             self._joystick = None
             self._instance = -1
-            self._inbox.put(_Plugged(None))
+            self._inbox.put(None)
             self._open_first()
         elif event.type == pygame.JOYDEVICEADDED and self._joystick is None:
             self._open_first()
@@ -780,9 +768,7 @@ class _Reader:
         ):
             # A batch may hold two changes of a button: each is passed on. The sample is also the newest position, so
             # that releasing a button takes effect at once.
-            sample = GamepadSample(clock.now_ns(), self._after(event))
-            self._inbox.put(sample)
-            self._inbox.put_newest(sample)
+            self._inbox.put(GamepadSample(clock.now_ns(), self._after(event)))
 
     def _open_first(self) -> None:
         for index in range(self._pygame.joystick.get_count()):
@@ -804,7 +790,7 @@ class _Reader:
                 {name: text for name, text in names.items() if name not in ("platform", "crc")},
             )
             self._last = GamepadSample(0, RawInputs())
-            self._inbox.put(_Plugged(device))
+            self._inbox.put(device)
             return
 
     def _after(self, event: Any) -> RawInputs:
@@ -837,7 +823,7 @@ class _Reader:
         now_ns, raw = clock.now_ns(), self._read()
         if raw != self._last.raw or (self._deflected() and now_ns - self._last.stamp_ns > _HEARTBEAT_NS * 3 // 4):
             self._last = GamepadSample(now_ns, raw)
-            self._inbox.put_newest(self._last)
+            self._inbox.put(self._last, position_only=True)
 
     def _deflected(self) -> bool:
         # Whether some input may command motion, so that the console needs repeated samples.

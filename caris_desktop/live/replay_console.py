@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -34,7 +35,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.gate import Gate, Refusal
+from caris_desktop.live.gate import Gate
 from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.robot_connections import LiveRobots
@@ -380,6 +381,8 @@ class ReplayConsole(QObject):
     """(camera, at_ns, image_bgr): a requested thumbnail; an empty array if there is no image."""
     noticed = Signal(object)
     """(Problem): problems of the replay itself; those of the session are in its log."""
+    microphone: str | None = None
+    wizard_microphone: str | None = None
 
     def __init__(self, parts: ReplayAdapters, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -411,7 +414,7 @@ class ReplayConsole(QObject):
         )
         self._player.standing_changed.connect(self._on_state_changed)
         self._player.standing_jumped.connect(self._on_state_jumped)
-        self._coding = AnnotationSession(session, self._report_failure, self, unsaved_dir=parts.unsaved_dir)
+        self._coding = AnnotationSession(session, partial(self._notify, "error"), self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self.thumbnail_made.emit)
         self.play, self.pause, self.set_rate = self._player.play, self._player.pause, self._player.set_rate
         self.seek, self.step = self._player.seek, self._player.step
@@ -422,7 +425,8 @@ class ReplayConsole(QObject):
         self._photos = ReplayPhotos(session, self.state, self)
         self._transcript = ReplayTranscript(session, self.state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
-        self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
+        self.live_robots = LiveValue(LiveRobotsStatus(), self) if self._live is None else self._live.status
+        self.report = self.noticed.emit
         self._gate = Gate(self.state, lambda: self.scenario.permissions, replay=True)
         self.state.scenario.set(self.scenario)
         self.state.places.set(self.scenario.places)
@@ -477,10 +481,6 @@ class ReplayConsole(QObject):
         self.state.close()
 
     # State for the window
-
-    @property
-    def live_robots(self) -> LiveValue:
-        return self._no_live_robots if self._live is None else self._live.status
 
     @property
     def settled(self) -> bool:
@@ -546,41 +546,24 @@ class ReplayConsole(QObject):
         refusal = self._gate.refusal(intent)
         if refusal is None:
             if isinstance(intent, intents.Stop):
-                self._stop()
+                if self._live is not None:  # Esc also closes popups, so it is not refused without a live robot
+                    self._live.stop()
             elif isinstance(intent, intents.EmergencyStop):
-                self._emergency_stop()
+                if self._live is None:
+                    self._report_no_robot()
+                else:
+                    self._live.emergency_stop(self._report_no_robot)
             return ""
         if not refusal.quiet:
-            self._refuse(refusal)
+            now_ns = self._parts.monotonic_ns()
+            if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
+                self._refused_ns = now_ns
+                self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
         return refusal.what
-
-    def _refuse(self, refusal: Refusal) -> None:
-        now_ns = self._parts.monotonic_ns()
-        if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
-            self._refused_ns = now_ns
-            self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
-
-    def _report_failure(self, what: str, meaning: str, advice: str) -> None:
-        self._notify("error", what, meaning, advice)
-
-    def report(self, problem: Problem) -> None:
-        """Report a problem to the user."""
-        self.noticed.emit(problem)
 
     def _notify(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         _log.info("%s %s %s", what, meaning, advice)
         self.report(Problem(self._clock.position_ns(), severity, what, meaning, advice))
-
-    def _stop(self) -> None:
-        """Stop the live robot, if any. Esc also closes popups, so it is not refused without one."""
-        if self._live is not None:
-            self._live.stop()
-
-    def _emergency_stop(self) -> None:
-        if self._live is None:
-            self._report_no_robot()
-        else:
-            self._live.emergency_stop(self._report_no_robot)
 
     def _report_no_robot(self) -> None:
         self._notify(
@@ -600,17 +583,9 @@ class ReplayConsole(QObject):
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         def report(failure: UserFacingError) -> None:
-            self._report_failure(failure.what, failure.meaning, failure.advice)
+            self._notify("error", failure.what, failure.meaning, failure.advice)
 
         self._slow_work.do(read, done, report if failed is None else failed)
 
     def microphones(self) -> Sequence[str]:
         return ()
-
-    @property
-    def microphone(self) -> str | None:
-        return None
-
-    @property
-    def wizard_microphone(self) -> str | None:
-        return None

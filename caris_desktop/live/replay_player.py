@@ -392,51 +392,41 @@ class ReplayPlayer(QObject):
         for value in due:
             spec = BY_TYPE[type(value)]
             if spec.delivery is Delivery.LOSSLESS:
-                self._take_event(value)
+                if isinstance(value, (ScenarioOpened, RobotChosen, LayoutChanged)):
+                    self.standing_changed.emit(value)
+                elif isinstance(value, LinkChanged):
+                    self._state.forget_received(value)
+                self._state.add(value)
             else:
                 latest[spec.key_of(value)] = value
         for value in latest.values():
             self._take_value(value)
 
-    def _take_event(self, event: Any) -> None:
-        if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged)):
-            self.standing_changed.emit(event)
-        elif isinstance(event, LinkChanged):
-            self._state.forget_received(event)
-        self._state.add(event)
-
     def _take_value(self, value: Any) -> None:
         if isinstance(value, FrameRef):
             if self._state.camera.value not in ("", value.camera):
-                self._show_small(value)
+                # Show another camera as a thumbnail at a low rate, which costs little.
+                now_s = time.monotonic()
+                if now_s - self._small_s.get(value.camera, -math.inf) >= _SMALL_EVERY_S:
+                    self._small_s[value.camera] = now_s
+                    self._video.show(self._generation, value, nearest_key=True)
                 return
             quick = self._clock.playing and self._clock.rate > KEY_FRAMES_FROM_RATE
             self._video.show(self._generation, value, nearest_key=quick)
         elif isinstance(value, StatusShown):
-            self._on_status(value)
+            if value.name != "camera" or not self._camera_chosen:
+                self._showing_status = True
+                try:
+                    self._put_status_back(value)
+                finally:
+                    self._showing_status = False
         else:
             self._state.add(value)
-
-    def _show_small(self, ref: FrameRef) -> None:
-        """Show another camera as a thumbnail at a low rate, which costs little."""
-        now_s = time.monotonic()
-        if now_s - self._small_s.get(ref.camera, -math.inf) >= _SMALL_EVERY_S:
-            self._small_s[ref.camera] = now_s
-            self._video.show(self._generation, ref, nearest_key=True)
 
     def _on_camera_changed(self, _camera: str) -> None:
         if not self._showing_status:
             self._camera_chosen = True
             self._jump()
-
-    def _on_status(self, status: StatusShown) -> None:
-        if status.name == "camera" and self._camera_chosen:
-            return
-        self._showing_status = True
-        try:
-            self._put_status_back(status)
-        finally:
-            self._showing_status = False
 
     def _put_status_back(self, status: StatusShown) -> None:
         if status.name == "recording":

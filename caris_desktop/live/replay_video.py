@@ -212,13 +212,10 @@ class DisplayFrames:
         return image_bgr
 
     def _on_scenario_changed(self, scenario: Scenario | None) -> None:
-        blur_settings = None if scenario is None else scenario.blur
-        self._given = (
-            BlurDemand(blur_settings.who, blur_settings.what)
-            if blur_settings is not None and blur_settings.who != "nobody"
-            else None
-        )
-        self._shown = self._given if blur_settings is not None and blur_settings.shown else None
+        self._given = self._shown = None
+        if scenario is not None and scenario.blur.who != "nobody":
+            self._given = BlurDemand(scenario.blur.who, scenario.blur.what)
+            self._shown = self._given if scenario.blur.shown else None
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         self._visible_people = frozenset(person.person_id for person in persons if "video" in person.consents)

@@ -244,16 +244,14 @@ class LiveRobots(QObject):
 
     def _connect_new(self, paths: list[Path]) -> None:
         for path in paths:
-            if path.name not in self._consoles:
-                self._connect(path)
-
-    def _connect(self, path: Path) -> None:
-        console = QLocalSocket(self)
-        console.connectToServer(str(path))
-        if console.state() != QLocalSocket.LocalSocketState.ConnectedState:
-            console.deleteLater()  # just ended, or still starting
-            return
-        self._consoles[path.name] = _Lines(console, self._on_message, self._on_gone)
+            if path.name in self._consoles:
+                continue
+            console = QLocalSocket(self)
+            console.connectToServer(str(path))
+            if console.state() == QLocalSocket.LocalSocketState.ConnectedState:
+                self._consoles[path.name] = _Lines(console, self._on_message, self._on_gone)
+            else:
+                console.deleteLater()  # just ended, or still starting
 
     def _name_of(self, console: "_Lines") -> str:
         return next((name for name, known in self._consoles.items() if known is console), "")

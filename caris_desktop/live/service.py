@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
@@ -49,14 +50,11 @@ class ProcessManager(QObject):
         stream values, which go to the bus. ``reads(value, raw)`` receives everything instead, in the reader thread.
         """
 
-        def read(value: Any, raw: bytes) -> None:
-            self.pass_on(on_message, value, raw)
-
         def on_exit(_code: int | None) -> None:
             if not self._closed:
                 self.call_in_gui(ended, child)
 
-        child = ChildProcess(body, on_message=reads or read, on_exit=on_exit)
+        child = ChildProcess(body, on_message=reads or partial(self.pass_on, on_message), on_exit=on_exit)
         return child
 
     def start(
@@ -191,7 +189,9 @@ class Service(QObject):
         """Begin shutting down: no new work, last messages. Returns within two seconds."""
 
     def end(self) -> None:
-        """Wait for what was stopped. May take long, in any thread; does not use Qt."""
+        """Wait for what was stopped: first of all its processes. May take long, in any thread; does not use Qt."""
+        for each in self.supervised():
+            each.end()
 
 
 class ServiceContext(Value):

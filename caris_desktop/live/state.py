@@ -355,23 +355,20 @@ class LiveState(QObject):
             for stream in self._all_streams():
                 stream.robot_clock = value
         if spec.delivery is Delivery.LOSSLESS:
-            self._stay_with_selected_person(value)
+            # Keep the selection on the same person when their identity changes.
+            selected = self.selected_person.value
+            match value:
+                case PersonIdentified(person_id=before, is_person_id=now) if before == selected:
+                    self.selected_person.set(now)
+                case PersonRejected(person_id=now, is_person_id=before) if before == selected:
+                    self.selected_person.set(now)
+                case PeopleMerged(person_id=before, into_person_id=now) if before == selected:
+                    self.selected_person.set(now)
+                case PersonForgotten(person_id=before) if before == selected:
+                    self.selected_person.set("")
             self.event_happened.emit(value)
         else:
             self._streams[spec.name].update_value(value)
-
-    def _stay_with_selected_person(self, event: Any) -> None:
-        """Keep the selection on the same person when their identity changes."""
-        selected = self.selected_person.value
-        match event:
-            case PersonIdentified(person_id=before, is_person_id=now) if before == selected:
-                self.selected_person.set(now)
-            case PersonRejected(person_id=now, is_person_id=before) if before == selected:
-                self.selected_person.set(now)
-            case PeopleMerged(person_id=before, into_person_id=now) if before == selected:
-                self.selected_person.set(now)
-            case PersonForgotten(person_id=before) if before == selected:
-                self.selected_person.set("")
 
     def choose_camera(self, name: str) -> None:
         """Show another camera; ``frame`` and ``people`` follow it."""

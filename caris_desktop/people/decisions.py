@@ -108,7 +108,19 @@ class Decisions:
                 self._remember("consent", root, "", back)
                 return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
             case intents.UndoPeople():
-                return self._undo(now_ns, intent.actor)
+                if not self._done:
+                    return [
+                        _answer(
+                            now_ns,
+                            "info",
+                            tr("There is nothing to undo."),
+                            tr("Nothing was changed."),
+                            tr("Erasing a person is permanent."),
+                        )
+                    ]
+                done = self._done.pop()
+                done.take_back()
+                return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, intent.actor)]
             case intents.ForgetPerson(person_id=person_id):
                 return self._forget(person_id, now_ns, intent.actor)
 
@@ -249,21 +261,6 @@ class Decisions:
             PersonSplit(now_ns, other.visit_id, root, actor),
             PersonAppeared(now_ns, other.visit_id, visit.track, number),
         ]
-
-    def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
-        if not self._done:
-            return [
-                _answer(
-                    now_ns,
-                    "info",
-                    tr("There is nothing to undo."),
-                    tr("Nothing was changed."),
-                    tr("Erasing a person is permanent."),
-                )
-            ]
-        done = self._done.pop()
-        done.take_back()
-        return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, actor)]
 
     def _forget(self, person_id: str, now_ns: int, actor: Actor) -> list[Event]:
         root = self._known.root_of(person_id)

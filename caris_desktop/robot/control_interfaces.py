@@ -363,7 +363,14 @@ class RobotControls:
             case CallService():
                 self._in_background(self._call(command, control, effect, message))
             case SendActionGoal():
-                self._send_goal(command, effect, message)
+                server = self._servers[effect.action, effect.type]
+                wire_id = server.client.send(command.control, message)
+                if wire_id is None:
+                    self._notify(command, "failed", _NOT_CONNECTED)
+                    return
+                server.goals[wire_id] = command
+                # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
+                self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     async def _call(self, command: UseControl, control: RobotControl, effect: CallService, request: Message) -> None:
         if refusal := self._refusal(control):
@@ -381,16 +388,6 @@ class RobotControls:
         detail = message[:LONGEST_TEXT_SHOWN] if isinstance(message, str) else ""
         refused = "" if succeeded else QT_TR_NOOP("the robot refused")
         self._notify(command, "succeeded" if succeeded else "failed", detail or refused)
-
-    def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
-        server = self._servers[effect.action, effect.type]
-        wire_id = server.client.send(command.control, goal)
-        if wire_id is None:
-            self._notify(command, "failed", _NOT_CONNECTED)
-            return
-        server.goals[wire_id] = command
-        # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
-        self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
         if wire_id in server.goals.keys() - server.answered - set(server.lost):
@@ -455,13 +452,9 @@ class RobotControls:
                     advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
                 )
             else:
-                self._on_value(control.id, value)
-
-    def _on_value(self, control: str, value: ControlValue | None) -> None:
-        if value is None or (control in self._values and self._values[control] == value):
-            return
-        self._values[control] = value
-        self._report_values_soon()
+                if value is not None and self._values.get(control.id) != value:
+                    self._values[control.id] = value
+                    self._report_values_soon()
 
     def _report_values_soon(self) -> None:
         if self._timer is None:

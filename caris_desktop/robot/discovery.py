@@ -144,7 +144,7 @@ async def explore_robot(
     *,
     security: SecuritySettings | None = None,
     timeout_s: float = 10.0,
-    on_progress: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] = lambda _words: None,
 ) -> Exploration:
     """Query the robot's inventory and propose a mapping. ``on_progress`` gets a short text for each step.
 
@@ -153,18 +153,26 @@ async def explore_robot(
     ExploreError
         When nothing answers at the address, or it does not tell what it has.
     """
-    report = on_progress or (lambda _words: None)
-    report(QT_TR_NOOP("Connecting"))
+    on_progress(QT_TR_NOOP("Connecting"))
     async with _connected(address, security, timeout_s) as ros:
         try:
             async with asyncio.timeout(timeout_s):
-                report(QT_TR_NOOP("Querying the robot"))
+                on_progress(QT_TR_NOOP("Querying the robot"))
                 offer = await list_offer(ros)
-                report(QT_TR_NOOP("Listening for frames and joints"))
+                on_progress(QT_TR_NOOP("Listening for frames and joints"))
                 offer = await _with_received_streams(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
-            raise _no_rosapi(error) from error
+            raise ExploreError(
+                localized(
+                    QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=rosapi_reply(error)
+                ),
+                QT_TR_NOOP("No mapping can be proposed."),
+                QT_TR_NOOP(
+                    "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
+                    "write the profile by hand."
+                ),
+            ) from error
     return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
@@ -203,7 +211,7 @@ async def check_streams(
     address: str | None = None,
     *,
     seconds: float = 3.0,
-    on_check: Callable[[StreamCheck], None] | None = None,
+    on_check: Callable[[StreamCheck], None] = lambda _check: None,
 ) -> tuple[StreamCheck, ...]:
     """Listen to all streams of the profile at once for ``seconds``, and rate them.
 
@@ -215,12 +223,11 @@ async def check_streams(
     ExploreError
         When nothing answers at the address, or it runs another ROS than the profile says.
     """
-    report = on_check or (lambda _check: None)
     done: list[StreamCheck] = []
 
     def report_check(check: StreamCheck) -> None:
         done.append(check)
-        report(check)
+        on_check(check)
 
     async with _connected(address or profile.address, profile.security, _INVENTORY_WITHIN_S) as ros:
         inventory: RobotInventory | None = None
@@ -259,7 +266,9 @@ async def check_streams(
             elif otherwise:
                 report_check(_rated(named, "wrong", otherwise))
             elif kind is None:
-                report_check(_absent(named))
+                nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
+                detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
+                report_check(_rated(named, "nothing" if named.needed else "quiet", detail))
             elif kind and not any(same_type(kind, expected) for expected in named.types):
                 carries = QT_TR_NOOP("Its type is {kind}; {expected} was expected.")
                 other = localized(carries, kind=kind, expected=" / ".join(named.types))
@@ -322,17 +331,6 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
     )
 
 
-def _no_rosapi(error: Exception) -> ExploreError:
-    return ExploreError(
-        localized(QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=rosapi_reply(error)),
-        QT_TR_NOOP("No mapping can be proposed."),
-        QT_TR_NOOP(
-            "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
-            "write the profile by hand."
-        ),
-    )
-
-
 async def _ros_version(ros: RosbridgeClient) -> tuple[Dialect | None, str]:
     """ROS version and distribution as reported; (None, "") from old robots."""
     try:
@@ -353,11 +351,10 @@ async def _nodes(ros: RosbridgeClient, kind: Literal["publishers", "subscribers"
 
 def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
     """Actions of ROS 1, by their goal topics."""
-    ending = "ActionGoal"
     return {
         topic.removesuffix("/goal"): kind.removesuffix("Goal")
         for topic, kind in topics.items()
-        if topic.endswith("/goal") and kind.endswith(ending)
+        if topic.endswith("/goal") and kind.endswith("ActionGoal")
     }
 
 
@@ -441,11 +438,11 @@ class _StreamListener:
     def __init__(
         self, ros: RosbridgeClient, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree
     ) -> None:
-        self._named = named
+        self.named = named
         self._describe = _description_of(named, profile, tree)
         self._tree = tree if named.field in ("tf", "tf_static") else None
         self._loop = asyncio.get_running_loop()
-        self._count = 0
+        self.count = 0
         self._first_s = self._last_s = 0.0
         self._message: Any = None
         self._received_ns = 0
@@ -453,35 +450,27 @@ class _StreamListener:
         self._topic = RosbridgeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
         self._topic.subscribe(self._on_message)
 
-    @property
-    def topic(self) -> str:
-        return self._named.topic
-
-    @property
-    def received(self) -> bool:
-        return self._count > 0
-
     def close(self) -> None:
         self._topic.unsubscribe()
 
     def _on_message(self, message: Any) -> None:
         self._last_s = self._loop.time()
         self._first_s = self._first_s or self._last_s
-        self._count += 1
+        self.count += 1
         self._message = message
         self._received_ns = time.time_ns()
         if self._tree is not None:
             transforms = message_conversion.decode_tf_message(message, unusable=lambda *_reason: None)
-            self._tree.add(transforms, static=self._named.field == "tf_static")
+            self._tree.add(transforms, static=self.named.field == "tf_static")
 
     def verdict(self, offset_ns: int | None) -> StreamCheck:
-        named = self._named
-        if self._count == 0:
+        named = self.named
+        if self.count == 0:
             if named.expected_hz is None:
                 return _rated(named, "quiet", QT_TR_NOOP("No message received; this topic is only sent occasionally."))
             return _rated(named, "nothing", QT_TR_NOOP("No message received."))
         took_s = self._last_s - self._first_s
-        rate_hz = (self._count - 1) / took_s if self._count > 1 and took_s > 0.0 else None
+        rate_hz = (self.count - 1) / took_s if self.count > 1 and took_s > 0.0 else None
         age_s = self._loop.time() - self._last_s
         try:
             detail = self._describe(self._message)
@@ -491,17 +480,13 @@ class _StreamListener:
         state: StreamState = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
             state = "slow"
-        late_s = self._late_s(offset_ns)
+        # Age of the last message on arrival, by the robot's clock.
+        stamp_ns = stamp_or_none(self._message)
+        late_s = None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
         if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
             state = "slow"
-            late = localized(QT_TR_NOOP("The latency is {late} s."), late=f"{late_s:.1f}")
-            detail = joined((detail, late))
+            detail = joined((detail, localized(QT_TR_NOOP("The latency is {late} s."), late=f"{late_s:.1f}")))
         return _rated(named, state, detail, rate_hz, age_s)
-
-    def _late_s(self, offset_ns: int | None) -> float | None:
-        """Age of the last message on arrival, by the robot's clock."""
-        stamp_ns = stamp_or_none(self._message)
-        return None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
 
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
@@ -544,12 +529,6 @@ def _unknown(field: str, label: str, name: str) -> StreamCheck:
     return StreamCheck(field, label, name, "quiet", None, None, words)
 
 
-def _absent(named: NamedTopic) -> StreamCheck:
-    nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
-    detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
-    return _rated(named, "nothing" if named.needed else "quiet", detail)
-
-
 def _rated(
     named: NamedTopic, state: StreamState, detail: str, rate_hz: float | None = None, age_s: float | None = None
 ) -> StreamCheck:
@@ -559,8 +538,8 @@ def _rated(
 async def _bridge_subscribes(ros: RosbridgeClient, listeners: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for listener in listeners:
-        if listener.received:
-            names = await _nodes(ros, "subscribers", listener.topic)
+        if listener.count:
+            names = await _nodes(ros, "subscribers", listener.named.topic)
             return any(_BRIDGE in name for name in names)
     return False
 

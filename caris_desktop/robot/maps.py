@@ -209,11 +209,8 @@ class RobotMaps:
         return await self._ros.ask(service, kind, request, timeout_s=MAP_WAIT_S)
 
     async def _find_out_mapping(self) -> None:
-        mapping: bool | None = None
-        if "pause" in self._offer:
-            paused = await self._ask_paused()
-            mapping = None if paused is None else not paused
-        self._set_mapping(mapping)
+        paused = await self._ask_paused() if "pause" in self._offer else None
+        self._set_mapping(None if paused is None else not paused)
 
     async def _ask_paused(self) -> bool | None:
         """State of slam_toolbox's toggle from its parameter; None if unreadable."""

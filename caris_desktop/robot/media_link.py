@@ -155,7 +155,6 @@ class Mp3Stream:
 
         self._codec: Any = av.CodecContext.create("mp3", "r")
         self._resampler: Any = None
-        self._error: type[Exception] = av.FFmpegError
 
     def decode(self, content: bytes) -> tuple[NDArray[np.int16], int]:
         """Samples completed by this piece, shape (samples, channels), and the sample rate.
@@ -175,7 +174,7 @@ class Mp3Stream:
                     channels = frame.layout.nb_channels
                     for plain in self._resampler.resample(frame):
                         parts.append(plain.to_ndarray().reshape(-1, channels))
-        except (self._error, ValueError) as error:
+        except (av.FFmpegError, ValueError) as error:
             raise MessageError("it is not an mp3 stream") from error
         return (np.concatenate(parts), rate_hz) if parts else (np.zeros((0, 1), np.int16), 1)
 
@@ -337,19 +336,9 @@ class MediaLink(LinkObserver):
         lens = decode_camera_info(message)
         if lens is None:
             return
-        camera_model = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
-        if camera.model is not None:
-            # Its mounting is known only from the profile.
-            model = camera.model
-            camera_model = replace(
-                camera_model,
-                x_m=model.x_m,
-                y_m=model.y_m,
-                z_m=model.z_m,
-                heading_rad=model.heading_rad,
-                tilt_rad=model.tilt_rad,
-                on_head=model.on_head,
-            )
+        optics = {name: getattr(lens, name) for name in ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")}
+        # Its mounting is known only from the profile.
+        camera_model = CameraModel(**optics) if camera.model is None else replace(camera.model, **optics)
         if self._lenses.get(camera.name) != camera_model:
             self._lenses[camera.name] = camera_model
             self._put(CameraLens(self._ros.arrival_ns, lens.robot_stamp_ns, camera.name, camera_model))

@@ -58,7 +58,8 @@ class MovementCheck:
         """Note a velocity that was sent."""
         before = self._sent[-1][1] if self._sent else ZERO_TWIST
         self._sent.append((now_s, twist))
-        if not _counts(twist):
+        speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
+        if not (speed_mps >= _COMMANDED_MPS or abs(twist.turn_radps) >= _COMMANDED_RADPS):
             self._commanded_since_s = None
         elif self._commanded_since_s is None or _direction(twist) != _direction(before):
             self._commanded_since_s = self._followed_s = now_s
@@ -102,7 +103,8 @@ class MovementCheck:
         self._twist = odometry.twist
         self._odometry_has_speed = self._odometry_has_speed or odometry.twist.moving
         self._note_pose(odometry.pose_in_odom, now_s)
-        drifts = self._drifts()
+        drifts_mps, drifts_radps = self._drift()
+        drifts = drifts_mps > _DRIFTS_MPS or drifts_radps > _DRIFTS_RADPS
         alarming = math.hypot(odometry.twist.forward_mps, odometry.twist.left_mps) > _ALARMING_MPS
         alarming = alarming or abs(odometry.twist.turn_radps) > _ALARMING_RADPS or drifts
         self._moves_in_a_row = self._moves_in_a_row + 1 if alarming else 0
@@ -156,10 +158,6 @@ class MovementCheck:
             along = max(along, drifts_mps)
         return along >= max(_FOLLOWS_SHARE * expected, least)
 
-    def _drifts(self) -> bool:
-        drifts_mps, drifts_radps = self._drift()
-        return drifts_mps > _DRIFTS_MPS or drifts_radps > _DRIFTS_RADPS
-
     def _note_pose(self, pose: Pose2D, now_s: float) -> None:
         if self._poses:
             newest = self._poses[-1][1]
@@ -180,11 +178,6 @@ class MovementCheck:
             return 0.0, 0.0
         way_m = math.hypot(end.x_m - begin.x_m, end.y_m - begin.y_m)
         return way_m / lasted_s, abs(wrap_angle(end.heading_rad - begin.heading_rad)) / lasted_s
-
-
-def _counts(twist: Twist2D) -> bool:
-    speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
-    return speed_mps >= _COMMANDED_MPS or abs(twist.turn_radps) >= _COMMANDED_RADPS
 
 
 def _direction(twist: Twist2D) -> tuple[str, int, int]:

@@ -102,7 +102,14 @@ def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
     fields: list[FieldProposal] = []
 
     def add(key: str, label: str, candidates: list[Candidate], least: float = 0.4) -> None:
-        fields.append(_proposal(key, label, candidates, least=least))
+        best = candidates[0] if candidates and candidates[0].confidence >= least else None
+        if best is not None:
+            reason = best.why
+        elif candidates:
+            reason = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
+        else:
+            reason = QT_TR_NOOP("The robot offers nothing of this kind.")
+        fields.append(FieldProposal(key, label, best.value if best else "", tuple(candidates), reason))
 
     def add_topics(kinds: Iterable[_Kind]) -> None:
         for kind in kinds:
@@ -151,8 +158,6 @@ def profile_of(
     stamped = same_type(offer.topics.get(velocity, ""), "geometry_msgs/TwistStamped")
     frames = _frames(offer)
     maps = MapServices(given("maps.slam_toolbox"), given("maps.map_server"), given("maps.map_saver"))
-    speech = _speech(offer, chosen)
-    stop = _emergency_stop(offer, given("emergency_stop.topic"), given("emergency_stop.service"))
     ros2 = offer.dialect is Dialect.ROS2
     navigation = given("navigation")
     return RobotProfile(
@@ -178,9 +183,9 @@ def profile_of(
         navigation=_navigation(offer, navigation) if navigation else None,
         initial_pose=given("initial_pose"),
         maps=maps if maps != MapServices() else None,
-        speech=speech,
+        speech=_speech(offer, chosen),
         audio=_audio(offer, chosen),
-        emergency_stop=stop,
+        emergency_stop=_emergency_stop(offer, given("emergency_stop.topic"), given("emergency_stop.service")),
         head=_head(offer, given("head")),
     )
 
@@ -464,17 +469,6 @@ class _Ranking:
             confidence=_clipped(candidate.confidence - 0.5),
             why=joined((candidate.why, localized(elsewhere, namespace=self._namespace))),
         )
-
-
-def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float = 0.4) -> FieldProposal:
-    best = candidates[0] if candidates and candidates[0].confidence >= least else None
-    if best is not None:
-        reason = best.why
-    elif candidates:
-        reason = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
-    else:
-        reason = QT_TR_NOOP("The robot offers nothing of this kind.")
-    return FieldProposal(key, label, best.value if best else "", tuple(candidates), reason)
 
 
 def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:

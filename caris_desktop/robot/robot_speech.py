@@ -95,7 +95,7 @@ class RobotVoice(ABC):
 
     async def close(self) -> None:
         """End all requests and reports."""
-        self._unprompted.close()
+        self._unprompted.finish()
         self._wait_no_more()
 
     def _fail(self, detail: str) -> None:
@@ -660,19 +660,16 @@ class UnpromptedSpeech:
         """Note a requested text."""
         self._requested.append((now_ns(), _plain(text)))
 
-    def close(self) -> None:
-        self._finish()
-
     def _on_message(self, message: Any) -> None:
         text = " ".join(decode_string(message).split())[:LONGEST_TEXT]
         if not text or self._was_requested(text):
             return
-        self._finish()
+        self.finish()
         self._now = UtteranceChanged(
             now_ns(), f"r-{secrets.token_hex(4)}", "robot", text, "heard", "started", voice="robot", estimated=True
         )
         self._emit(self._now)
-        self._timer = asyncio.get_running_loop().call_later(estimated_duration_s(text), self._finish)
+        self._timer = asyncio.get_running_loop().call_later(estimated_duration_s(text), self.finish)
 
     def _was_requested(self, text: str) -> bool:
         since_ns = now_ns() - int(LONGEST_UTTERANCE_S * 1e9)
@@ -681,7 +678,8 @@ class UnpromptedSpeech:
         # Some robots report a long text in parts.
         return plain in recent or (len(plain) >= _PART_AT_LEAST and any(plain in text for text in recent))
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
+        """End the present utterance."""
         if self._timer is not None:
             self._timer.cancel()
         ended, self._now, self._timer = self._now, None, None

@@ -48,7 +48,9 @@ class Ros2Robot:
         environment = dict(os.environ)
         named = os.environ.get(PYTHON_VARIABLE)
         if not named and os.environ.get("ROS_DISTRO"):
-            python = _system_python()
+            # Python of the system, for which ROS 2 is built: not that of an environment which is active.
+            found = ("/usr/bin/python3", shutil.which("python3"))
+            python = next((each for each in found if each is not None and Path(each).exists()), None)
             if python is None:
                 raise OSError("The Python of the sourced ROS 2 was not found.", f"Set {PYTHON_VARIABLE} to it.")
             return [python], environment
@@ -341,12 +343,6 @@ def ros2_folder() -> Path:
     """Where packaging/ros2.sh installs a ROS 2 for this program."""
     data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
     return Path(data) / "caris-desktop" / "ros2"
-
-
-def _system_python() -> str | None:
-    """Python of the system, for which ROS 2 is built: not that of an environment which is active."""
-    found = ("/usr/bin/python3", shutil.which("python3"))
-    return next((each for each in found if each is not None and Path(each).exists()), None)
 
 
 def _wait_until(ready: Callable[[], bool], problem: str, cancelled: threading.Event | None = None) -> None:

@@ -202,7 +202,13 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
             raise _mismatch(QT_TR_NOOP("{where} is longer than {most} characters"), where, most=LONGEST_TEXT)
         return value
     if plain in TIMES:
-        return _time(value, where)
+        names = ({"secs", "nsecs"}, {"sec", "nanosec"})
+        parts = value if isinstance(value, Mapping) else {}
+        integers = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
+        # ROS 1's rosbridge replaces this word by the robot's time.
+        if value != "now" and not (parts and integers and any(set(parts) <= allowed for allowed in names)):
+            raise _mismatch(QT_TR_NOOP("{where} must be a time in whole seconds and nanoseconds"), where)
+        return value
     fields = definition.nested.get(plain) or definition.nested.get("std_msgs/Header" if plain == "Header" else plain)
     if fields is None:
         # Unknown nested type: the robot will refuse it if invalid.
@@ -232,16 +238,6 @@ def _number(value: Any, type_: str, where: str) -> float:
         template = QT_TR_NOOP("{where} must be a finite number, but it is {value}")
         raise _mismatch(template, where, value=_described(value))
     return number
-
-
-def _time(value: Any, where: str) -> Any:
-    names = ({"secs", "nsecs"}, {"sec", "nanosec"})
-    parts = value if isinstance(value, Mapping) else {}
-    integers = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
-    # ROS 1's rosbridge replaces this word by the robot's time.
-    if value != "now" and not (parts and integers and any(set(parts) <= allowed for allowed in names)):
-        raise _mismatch(QT_TR_NOOP("{where} must be a time in whole seconds and nanoseconds"), where)
-    return value
 
 
 def _check_plain(value: Any, where: str, depth: int) -> None:

@@ -286,7 +286,10 @@ def decode_tf_message(
         what = f"TFMessage.transforms[{index}]"
         parent, child = frame_of(entry, what).lstrip("/"), text(entry, "child_frame_id", what).lstrip("/")
         try:
-            pose = _decode_transform(part(entry, "transform", what), what)
+            transform = part(entry, "transform", what)
+            translation = part(transform, "translation", what)
+            x_m, y_m, z_m = (number(translation, axis, f"{what}.translation") for axis in "xyz")
+            pose = Pose3D(x_m, y_m, z_m, *decode_rotation(part(transform, "rotation", what), f"{what}.rotation"))
         except MessageError as error:
             if unusable is None:
                 raise MessageError(f"the transform from '{parent}' to '{child}': {error}") from error
@@ -294,12 +297,6 @@ def decode_tf_message(
             continue
         transforms.append(Transform(parent, child, pose, stamp_of(entry, what)))
     return tuple(transforms)
-
-
-def _decode_transform(transform: Message, what: str) -> Pose3D:
-    translation = part(transform, "translation", what)
-    x_m, y_m, z_m = (number(translation, axis, f"{what}.translation") for axis in "xyz")
-    return Pose3D(x_m, y_m, z_m, *decode_rotation(part(transform, "rotation", what), f"{what}.rotation"))
 
 
 def encode_battery_state(dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0) -> Message:

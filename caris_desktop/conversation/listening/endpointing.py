@@ -294,7 +294,8 @@ class TurnModel:
     def __init__(self, session: object) -> None:
         self._session = session
         # Mel filter bank, Slaney's scale with equal areas; shape (bands, frequencies of the spectrum).
-        edges = _hz(np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2))
+        mel = np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2)
+        edges = np.where(mel < _KNEE_MEL, mel * 200 / 3, _LINEAR_HZ * np.exp(_PER_MEL * (mel - _KNEE_MEL)))
         frequencies = np.linspace(0, RATE_HZ / 2, _WINDOW // 2 + 1)
         widths = np.diff(edges)
         slopes = edges[:, np.newaxis] - frequencies
@@ -328,7 +329,3 @@ _LINEAR_HZ, _KNEE_MEL, _PER_MEL = 1000.0, 15.0, np.log(6.4) / 27.0
 
 def _mel(hz: float) -> float:
     return hz * 3 / 200 if hz < _LINEAR_HZ else _KNEE_MEL + float(np.log(hz / _LINEAR_HZ)) / _PER_MEL
-
-
-def _hz(mel: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(mel < _KNEE_MEL, mel * 200 / 3, _LINEAR_HZ * np.exp(_PER_MEL * (mel - _KNEE_MEL)))

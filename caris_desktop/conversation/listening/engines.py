@@ -92,7 +92,14 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     """
     folders = models_dirs() if folders is None else folders
     if not settings.model:
-        return _usual(folders)
+        for folder in folders:
+            for name in _FOLDER_NAMES:
+                if (folder / name / _WEIGHTS).is_file():
+                    return folder / name
+        offline = packaged_file(f"{OFFLINE_PACKAGE.replace('-', '_')}/model")
+        if offline is not None and (offline / _WEIGHTS).is_file():
+            return offline
+        raise _no(QT_TR_NOOP("No speech recogniser was found."), _ADVICE)
     sha256 = settings.sha256.strip().lower()
     if _ADDRESS.match(settings.model):
         return _fetched(settings.model, sha256, folders[-1], allow_download=settings.allow_download)
@@ -124,17 +131,6 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
             ),
         )
     return path
-
-
-def _usual(folders: tuple[Path, ...]) -> Path:
-    for folder in folders:
-        for name in _FOLDER_NAMES:
-            if (folder / name / _WEIGHTS).is_file():
-                return folder / name
-    offline = packaged_file(f"{OFFLINE_PACKAGE.replace('-', '_')}/model")
-    if offline is not None and (offline / _WEIGHTS).is_file():
-        return offline
-    raise _no(QT_TR_NOOP("No speech recogniser was found."), _ADVICE)
 
 
 def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:

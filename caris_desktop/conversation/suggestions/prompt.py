@@ -146,6 +146,8 @@ LONGEST_REPLY = 120
 _NO_REPLY = re.compile(
     r"think|thought|reason|analysis|explanation|context|language|error|^(?:type|role)$", re.IGNORECASE
 )
+# Rest of a complete text after its first quotation mark.
+_TEXT = re.compile(r'((?:[^"\\]|\\.)*)"', re.DOTALL)
 # Longer output cannot be three short replies.
 _LONGEST_ANSWER = 8_000
 _ABOUT_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
@@ -185,24 +187,15 @@ def replies_in(written: str) -> tuple[str, ...]:
         elif character == ":":
             awaits_key = False
         elif character == '"':
-            end = _end_of_text(written, place)
-            if end is None:
+            text = _TEXT.match(written, place)
+            if text is None:
                 break
             if awaits_key:
-                keys[-1] = written[place:end]
+                keys[-1] = text[1]
             elif not any(_NO_REPLY.search(key) for key in keys):
-                texts.append(_unescaped(written[place:end]))
-            place = end + 1
+                texts.append(_unescaped(text[1]))
+            place = text.end()
     return tuple(texts)
-
-
-def _end_of_text(written: str, begin: int) -> int | None:
-    place = begin
-    while place < len(written):
-        if written[place] == '"':
-            return place
-        place += 2 if written[place] == "\\" else 1
-    return None
 
 
 def _unescaped(text: str) -> str:

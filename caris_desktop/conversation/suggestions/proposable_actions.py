@@ -129,7 +129,10 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
         return None
     match action:
         case "go_to" if action in offer.actions:
-            return _go_to(data.get("place"), offer)
+            place = data.get("place")
+            if not isinstance(place, str) or place not in offer.places:
+                raise NotOfferedError(f"{_bounded_text(place)} is not a place in this scenario")
+            return Proposed(intents.GoToPlace(place), localized(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
         case "look" if action in offer.actions:
             return _checked_gaze(data.get("pan_deg", 0), data.get("tilt_deg", 0), offer)
         case "nod" if action in offer.actions:
@@ -147,12 +150,6 @@ def _json_in(answer: str) -> Any:
         return json.loads(answer)
     except ValueError:
         return json.loads(answer[answer.find("{") : answer.rfind("}") + 1])
-
-
-def _go_to(place: Any, offer: Offer) -> Proposed:
-    if not isinstance(place, str) or place not in offer.places:
-        raise NotOfferedError(f"{_bounded_text(place)} is not a place in this scenario")
-    return Proposed(intents.GoToPlace(place), localized(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
 
 
 def _checked_gaze(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:

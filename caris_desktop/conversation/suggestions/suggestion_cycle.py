@@ -372,11 +372,8 @@ def _alike(text: str, other: str) -> float:
     words, others = (frozenset(words_of(each)) - _SMALL for each in (text, other))
     if not words or not others:
         return 1.0 if words == others else 0.0
-    return len(words & others) / min(len(words), len(others)) if len(words & others) > 1 else _jaccard(words, others)
-
-
-def _jaccard(words: frozenset[str], others: frozenset[str]) -> float:
-    return len(words & others) / len(words | others)
+    common = len(words & others)
+    return common / (min(len(words), len(others)) if common > 1 else len(words | others))
 
 
 # Timing of fillers, which bridge the wait for a late reply. Time is injected.
@@ -487,9 +484,8 @@ class Proposals:
     def due(self, now_ns: int) -> Card | None:
         """Proposal whose countdown ends now; None if the end was missed, as while the program was suspended."""
         card = self.card
-        if card is None or card.acts_ns is None:
-            return None
-        return card if 0 <= now_ns - card.acts_ns < _MISSED_NS else None
+        ends = card is not None and card.acts_ns is not None and 0 <= now_ns - card.acts_ns < _MISSED_NS
+        return card if ends else None
 
     @property
     def next_ns(self) -> int | None:

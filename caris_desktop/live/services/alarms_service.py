@@ -152,7 +152,16 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
     if link.starts:
         return
     if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
-        yield _link_lost() if met_robot else _no_link_yet(state)
+        if not met_robot:
+            yield _no_link_yet(state)
+        else:
+            yield Condition(
+                "link", "error", tr("The connection to the robot is lost."),
+                tr("The robot cannot drive or speak; video, map and LIDAR are missing. All other recording continues."),
+                tr("Check the robot and its network. The console reconnects automatically; press the key again to "
+                    "drive."),
+                until="connected", prevails=True,
+            )  # fmt: skip
     if link.state != "connected":
         return
     yield from _movement(state.drive.value, state.robot.value)
@@ -253,15 +262,6 @@ def _movement(drive: DriveStatus, robot: RobotProfile | None) -> Iterator[Condit
                 tr("The console does not know whether the robot is moving, and does not track its position."),
                 tr("Watch the robot itself. Check its base driver, and 'odometry' in its profile."), 1.0,
             )  # fmt: skip
-
-
-def _link_lost() -> Condition:
-    return Condition(
-        "link", "error", tr("The connection to the robot is lost."),
-        tr("The robot cannot drive or speak; video, map and LIDAR are missing. All other recording continues."),
-        tr("Check the robot and its network. The console reconnects automatically; press the key again to drive."),
-        until="connected", prevails=True,
-    )  # fmt: skip
 
 
 def _no_link_yet(state: LiveState) -> Condition:

@@ -32,7 +32,7 @@ from caris_desktop.conversation.prompts import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
-from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
+from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, Marked
 from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
@@ -270,7 +270,7 @@ class AssistantService(ContextService):
             self._addition.ask_to_end()
 
     def end(self) -> None:
-        self._server.end()
+        super().end()
         if self._addition is not None:
             self._addition.stop(grace_s=1.5)
 
@@ -310,8 +310,7 @@ class AssistantService(ContextService):
         question = intent.question.strip()
         if not question:
             return
-        too_long = characters_too_long(question)
-        if too_long:
+        if too_long := characters_too_long(question):
             raise RefusedError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
                 tr("The assistant was not asked; a shortened question could get a wrong answer."),
@@ -775,7 +774,9 @@ class Exchanges(QObject):
                 exchange_id=exchange_id,
                 on_text=lambda answer: self._change(exchange_id, answer=answer, detail=""),
                 on_wait=lambda reason: self._change(exchange_id, detail=reason),
-                on_end=self._on_end,
+                on_end=lambda exchange: self._change(
+                    exchange.exchange_id, state=exchange.outcome, answer=exchange.answer, detail=exchange.detail
+                ),
                 actor=actor,
                 **how,
             )
@@ -815,8 +816,7 @@ class Exchanges(QObject):
         row = self._rows.get(exchange_id or next(reversed(self._rows), ""))
         if row is None or row.use or not row.answer:
             return
-        as_it_stood = text.split() == row.answer.split()
-        use: Literal["said", "edited"] = "said" if as_it_stood else "edited"
+        use: Literal["said", "edited"] = "said" if text.split() == row.answer.split() else "edited"
         self._publish(AnswerUsed(clock.now_ns(), row.exchange_id, use, text, utterance_id, actor))
         self._change(row.exchange_id, use=use)
 
@@ -834,9 +834,6 @@ class Exchanges(QObject):
         row = self._rows.pop(exchange_id)
         if row.state == "answered" and not row.use:
             self._publish(AnswerUsed(clock.now_ns(), exchange_id, "dismissed", row.answer, actor=actor))
-
-    def _on_end(self, exchange: LlmExchange) -> None:
-        self._change(exchange.exchange_id, state=exchange.outcome, answer=exchange.answer, detail=exchange.detail)
 
     def _change(self, exchange_id: str, **changes: Any) -> None:
         row = self._rows.get(exchange_id)

@@ -109,10 +109,6 @@ class CamerasService(ContextService):
         for process in self.supervised():
             process.ask_to_end()
 
-    def end(self) -> None:
-        for process in self.supervised():
-            process.end()
-
     def _arrange(self) -> None:
         if not self._started or self._stopped:
             return

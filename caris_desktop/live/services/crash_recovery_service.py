@@ -86,7 +86,8 @@ class CrashRecoveryService(ContextService):
         }
 
     def follows(self) -> Follows:
-        return {InitialPoseSet: self._on_pose_set}
+        # Setting the robot's pose confirms it.
+        return {InitialPoseSet: lambda event: self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))}
 
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._scenario, scenario
@@ -103,7 +104,7 @@ class CrashRecoveryService(ContextService):
             found = unfinished_trial.take_newest(self._parts.folder, self._parts.study)
             return (found, self._parts.details(found.session)) if found is not None else None
 
-        self._slow_work.do(_reporting_errors(work), self._on_found, _notify)
+        self._do_slowly(work, self._on_found)
 
     def end(self) -> None:
         """Called when the recording has ended normally."""
@@ -137,6 +138,14 @@ class CrashRecoveryService(ContextService):
             return []
         return [replace(self._resumed, stamp_ns=now_ns), *(replace(one, stamp_ns=now_ns) for one in self._confirmed)]
 
+    def _do_slowly(self, work: Callable[[], T], done: Callable[[T], None] = lambda _done: None) -> None:
+        def run() -> T:
+            with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
+                return work()
+
+        # No session data is lost by a failure: the log suffices.
+        self._slow_work.do(run, done, lambda failure: _log.warning("%s %s", failure.what, failure.meaning))
+
     # Saving
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
@@ -147,15 +156,10 @@ class CrashRecoveryService(ContextService):
         elif status.state in ("idle", "failed") and self._saved is not None:
             self._saved = None
             self._soon.stop()
-            self._slow_work.do(
-                _reporting_errors(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify
-            )
-            self._over()
-
-    def _over(self) -> None:
-        """The resumed trial was recorded."""
-        self._resumed, self._confirmed, self.step = None, [], ""
-        self._state.going_on.set(CrashRecoveryStatus())
+            self._do_slowly(lambda: unfinished_trial.forget(self._parts.folder))
+            # The resumed trial was recorded.
+            self._resumed, self._confirmed, self.step = None, [], ""
+            self._state.going_on.set(CrashRecoveryStatus())
 
     def _on_changed(self, _value: object) -> None:
         if self._saved is not None and not self._soon.isActive():
@@ -176,7 +180,7 @@ class CrashRecoveryService(ContextService):
         )
         if trial != self._saved:
             self._saved = trial
-            self._slow_work.do(_reporting_errors(lambda: self._write(trial)), lambda _done: None, _notify)
+            self._do_slowly(lambda: self._write(trial))
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread
         if not self._end_expected:
@@ -212,9 +216,7 @@ class CrashRecoveryService(ContextService):
         if trial.attended:
             self._do(intents.AttendPerson(trial.attended, actor=intent.actor))
         self._offered, self.step = None, trial.step
-        self._slow_work.do(
-            _reporting_errors(lambda: self._parts.conversation(trial.session)), self._on_conversation, _notify
-        )
+        self._do_slowly(lambda: self._parts.conversation(trial.session), self._on_conversation)
         self._resumed = TrialResumed(clock.now_ns(), trial.session.name, intent.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
@@ -248,7 +250,8 @@ class CrashRecoveryService(ContextService):
             self._note(ConfirmedAsBefore(clock.now_ns(), intent.what, intent.actor, intent.person_id))
             people = tuple(person for person in status.unconfirmed_people if person != intent.person_id)
             status = replace(status, unconfirmed_people=people)
-            if self._have_rows(people):
+            rows = (*self._state.persons.value, *self._state.everybody.value)
+            if any(row.person_id in people for row in rows):
                 self._state.going_on.set(status)
                 return
         # Confirming the last existing row covers everyone.
@@ -263,29 +266,7 @@ class CrashRecoveryService(ContextService):
         self._confirmed.append(event)
         self._bus.publish(event)
 
-    def _have_rows(self, people: tuple[str, ...]) -> bool:
-        """Whether any of them has a row: without one there is nothing to confirm."""
-        rows = (*self._state.persons.value, *self._state.everybody.value)
-        return any(row.person_id in people for row in rows)
-
-    def _on_pose_set(self, event: InitialPoseSet) -> None:
-        """Setting the robot's pose confirms it."""
-        self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
-
 
 def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:
     """Permissions to record, and to pass data to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
-
-
-def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
-    def run() -> T:
-        with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
-            return work()
-
-    return run
-
-
-def _notify(failure: UserFacingError) -> None:
-    # No session data is lost: the log suffices.
-    _log.warning("%s %s", failure.what, failure.meaning)

@@ -134,30 +134,27 @@ class FaceService(ContextService):
 
         def loaded(face: Face) -> None:
             if self._requested_face == name:
-                self._begin_with(face, actor)
+                if self._motion is None:
+                    self._motion = FaceMotion(face)
+                else:
+                    self._motion.use(face)
+                self._face = face
+                before: FaceStatus = self._state.face.value
+                self._change(
+                    replace(
+                        before, face=face.name, title=face.title, expression=self._motion.expression.name,
+                        expressions=tuple(one.name for one in face.expressions),
+                        what="face" if before.what == "off" else before.what,
+                    ),
+                    actor,
+                )  # fmt: skip
+                self._move()
 
         self._slow_work.do(lambda: self._load(name), loaded, self._notify)
 
     def _persist(self, intent: intents.KeepFace) -> None:
         face = parse_face(intent.content, file_name=tr("The face"), name=intent.name)
         self._slow_work.do(lambda: self._save(face), lambda _path: self._use(intent.name, intent.actor), self._notify)
-
-    def _begin_with(self, face: Face, actor: Actor) -> None:
-        if self._motion is None:
-            self._motion = FaceMotion(face)
-        else:
-            self._motion.use(face)
-        self._face = face
-        before: FaceStatus = self._state.face.value
-        self._change(
-            replace(
-                before, face=face.name, title=face.title, expression=self._motion.expression.name,
-                expressions=tuple(one.name for one in face.expressions),
-                what="face" if before.what == "off" else before.what,
-            ),
-            actor,
-        )  # fmt: skip
-        self._move()
 
     def _express(self, intent: intents.ShowExpression) -> None:
         motion = self._motion_or_raise()
@@ -183,22 +180,19 @@ class FaceService(ContextService):
                 tr("To allow this, set face.live_picture in the scenario."),
             )  # fmt: skip
         if intent.what == "photo":
-            self._show_photo(text, intent.actor)
+            photo = next((one for one in self._state.photos.value if one.file_name == text and not one.deleted), None)
+            if photo is None or not self._photos_permitted:
+                raise RefusedError(
+                    tr("That photo is not available."),
+                    tr("The face is unchanged."),
+                    tr("Choose one from the Photos panel."),
+                )
+            self._change(replace(self._state.face.value, what="photo", text=text), intent.actor)
+            self._show(photo.preview_jpeg)
             return
         changed = replace(self._state.face.value, what=intent.what, text=text if intent.what == "text" else "")
         self._change(changed, intent.actor)
         self._move()
-
-    def _show_photo(self, file_name: str, actor: Actor) -> None:
-        photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
-        if photo is None or not self._photos_permitted:
-            raise RefusedError(
-                tr("That photo is not available."),
-                tr("The face is unchanged."),
-                tr("Choose one from the Photos panel."),
-            )
-        self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
-        self._show(photo.preview_jpeg)
 
     def _change(self, status: FaceStatus, actor: Actor) -> None:
         self._state.face.set(status)
@@ -305,7 +299,9 @@ class FaceService(ContextService):
             self._speaking_id = event.utterance_id
             played = self._voices.get(event.utterance_id)
             self._motion.speak(SpokenLoudness(event.stamp_ns) if played is None else _voice_of(played))
-            self._caption = self._with_names(event.text)
+            # Caption for the addressee, with the spoken name.
+            names = {row.person_id: row.name for row in self._state.everybody.value if row.known}
+            self._caption = with_names(event.text, lambda person_id: names.get(person_id, "")).strip()
             self._state.face.update(speaking=True)
             self._move()
         elif event.state != "requested" and event.utterance_id == self._speaking_id:
@@ -313,11 +309,6 @@ class FaceService(ContextService):
             self._motion.speak(None)
             self._state.face.update(speaking=False)
             self._move()
-
-    def _with_names(self, text: str) -> str:
-        """Caption for the addressee, with the spoken name."""
-        names = {row.person_id: row.name for row in self._state.everybody.value if row.known}
-        return with_names(text, lambda person_id: names.get(person_id, "")).strip()
 
     def _on_sound(self, sound: PlayedSound) -> None:
         """Add played audio, which is reported slightly before or after it is audible."""

@@ -48,10 +48,7 @@ class ForgettingService(ContextService):
         return (self._process,)
 
     def stop(self) -> None:
-        self._process.ask_to_end()
-
-    def end(self) -> None:
-        self._process.end()  # an interrupted erasure resumes when requested again
+        self._process.ask_to_end()  # an interrupted erasure resumes when requested again
 
     def _forget(self, intent: intents.ForgetPerson) -> None:
         if self._process.child is not None:
@@ -103,16 +100,13 @@ class ForgettingService(ContextService):
             )
             self._bus.problem("error", tr(what), tr(meaning), tr(advice), cause="forgetting")
         else:
-            self._forget_here()
+            # Erase in-memory data after the database.
+            try:
+                self._then(self._intent)
+            except UserFacingError:
+                # Without perception nothing is in memory.
+                self._bus.publish(PersonForgotten(clock.now_ns(), self._intent.person_id, self._intent.actor))
             self._notify(ended.outcome)
-
-    def _forget_here(self) -> None:
-        """Erase in-memory data after the database."""
-        try:
-            self._then(self._intent)
-        except UserFacingError:
-            # Without perception nothing is in memory.
-            self._bus.publish(PersonForgotten(clock.now_ns(), self._intent.person_id, self._intent.actor))
 
     def _notify(self, outcome: Forgotten) -> None:
         if outcome.review is not None:

@@ -84,7 +84,13 @@ class ListeningService(ContextService):
                 self._soon.start()
             return
         self._body = body
-        self._leave()
+        # End the recogniser, for a scenario without it or with another one.
+        feed, self._feed, self._to_recogniser = self._feed, None, None
+        self._state.listening.set(ListeningStatus())
+        if feed is not None:
+            self._process.ask_to_end()
+            feed.end()
+            self._process.dismiss(feed.join)
         self._process.restarts = Restarts()
         if self._started:
             self._soon.start()
@@ -149,15 +155,6 @@ class ListeningService(ContextService):
     def _report_silence(self) -> None:
         if self._feed is not None:
             self._feed.put(pickle.dumps(self._silence, protocol=pickle.HIGHEST_PROTOCOL))
-
-    def _leave(self) -> None:
-        """End the recogniser, for a scenario without it or with another one."""
-        feed, self._feed, self._to_recogniser = self._feed, None, None
-        self._state.listening.set(ListeningStatus())
-        if feed is not None:
-            self._process.ask_to_end()
-            feed.end()
-            self._process.dismiss(feed.join)
 
     def _on_ended(self) -> None:
         if self._feed is not None:

@@ -92,18 +92,12 @@ class _Measure:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._seen_ms: deque[float | None] = deque(maxlen=_WINDOW)
-
-    def add(self, ms: float | None) -> None:
-        self._seen_ms.append(ms)
-
-    def forget(self) -> None:
-        self._seen_ms.clear()
+        self.seen_ms: deque[float | None] = deque(maxlen=_WINDOW)
 
     @property
     def counts(self) -> float:
         """Deciding value of the measure: 0 with too few samples."""
-        known = sorted(ms for ms in self._seen_ms if ms is not None)
+        known = sorted(ms for ms in self.seen_ms if ms is not None)
         return known[-max(1, int(len(known) * self._limits.counted))] if len(known) >= _LEAST_KNOWN else 0.0
 
     @property
@@ -132,7 +126,7 @@ class LoadLevels:
     ) -> int:
         """Add samples; returns the new level. None without a frame or local detection."""
         for measure, ms in zip(self._measures, (late_ms, frame_age_ms, detection_ms), strict=True):
-            measure.add(ms)
+            measure.seen_ms.append(ms)
         self._sample_count += 1
         if self._sample_count < _WINDOW // 2:
             return self.step
@@ -161,7 +155,7 @@ class LoadLevels:
         # Samples from another level are meaningless for this one.
         self.step, self._changed_ns, self._sample_count = step, now_ns, 0
         for measure in self._measures:
-            measure.forget()
+            measure.seen_ms.clear()
 
 
 class LoadSheddingService(ContextService):

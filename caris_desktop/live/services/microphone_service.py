@@ -78,7 +78,6 @@ class MicrophoneService(ContextService):
     ) -> None:
         """``to_robot`` sends to the link with the robot's audio; ``hear_camera`` switches a camera's microphone."""
         super().__init__(context)
-        self._problem = self._bus.problem
         self._to_robot = to_robot
         self._hear_camera = hear_camera
         self._distant = RemoteMicrophone(self._state.microphone, self._bus, settled=self._on_settled, parent=self)
@@ -135,7 +134,7 @@ class MicrophoneService(ContextService):
         self._scenario = scenario
         if not scenario.permissions.audio_recording:
             self.wait_no_longer()
-            self._try_no_longer()
+            self._try(False)
             self.close()
         elif self._is_to_record(scenario) and not (self._started and self._is_to_be_started):
             self.open()
@@ -264,18 +263,15 @@ class MicrophoneService(ContextService):
             self._distant.close()
         camera = source.removeprefix("camera:")
         if source == "robot":
-            self._distant.open("the robot's microphone", self._ask_robot, reachable=self._robot_is_linked)
+            self._distant.open(
+                "the robot's microphone",
+                lambda on: self._to_robot(ListenToRobot(clock.now_ns(), on)),
+                reachable=lambda: bool(self._state.link.value.state == "connected"),
+            )
         elif camera != source:
             self._distant.open(f"the microphone of the camera {camera}", partial(self._hear_camera, camera))
         elif source == "computer":
             self._participant.open()
-
-    def _robot_is_linked(self) -> bool:
-        linked: bool = self._state.link.value.state == "connected"
-        return linked
-
-    def _ask_robot(self, on: bool) -> None:
-        self._to_robot(ListenToRobot(clock.now_ns(), on))
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         # A restarted link process has lost earlier requests.
@@ -292,21 +288,16 @@ class MicrophoneService(ContextService):
         self.wait_no_longer()
 
     def _on_settled(self) -> None:
-        if self._state.microphone.value.state == "on":
-            self._report_missing()
+        if self._state.microphone.value.state == "on" and self._missing_since_ns is not None:
+            missing_s = (clock.now_ns() - self._missing_since_ns) / 1e9
+            self._missing_since_ns = None
+            self._bus.problem(
+                "info",
+                tr("The microphone started {late} s after the recording.").format(late=f"{missing_s:.1f}"),
+                tr("Its sound before that is missing from the recording."),
+                "",
+            )
         self.wait_no_longer()
-
-    def _report_missing(self) -> None:
-        if self._missing_since_ns is None:
-            return
-        missing_s = (clock.now_ns() - self._missing_since_ns) / 1e9
-        self._missing_since_ns = None
-        self._problem(
-            "info",
-            tr("The microphone started {late} s after the recording.").format(late=f"{missing_s:.1f}"),
-            tr("Its sound before that is missing from the recording."),
-            "",
-        )
 
     def stop(self) -> None:
         self._soon.stop()
@@ -315,10 +306,6 @@ class MicrophoneService(ContextService):
         self._distant.close()
         self._participant.ask_to_end()
         self._wizard.ask_to_end()
-
-    def end(self) -> None:
-        self._participant.process.end()
-        self._wizard.process.end()
 
 
 def _may_record_wizard(scenario: Scenario) -> bool:

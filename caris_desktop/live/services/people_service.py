@@ -344,7 +344,12 @@ class PerceptionWorker(QObject):
             self._publish(people)
             self._publish_all(events)
             self._locate(people, self._presence)
-        self._report_pace(found.inference_ms)
+        # Update rates once a second: more frequent changes are illegible.
+        now_ns = clock.now_ns()
+        if now_ns - self._pace_reported_ns >= _PACE_EVERY_NS:
+            self._pace_reported_ns = now_ns
+            looks_per_s = self._detection_rates.per_second(now_ns=now_ns)
+            self._set_status(replace(self._status, inference_ms=found.inference_ms, looks_per_s=looks_per_s))
 
     def _on_child_ended(self, child: ChildProcess) -> None:
         if child is not self.child:
@@ -429,14 +434,6 @@ class PerceptionWorker(QObject):
         if status != self._status:
             self._status = status
             self.status_changed.emit(status)
-
-    def _report_pace(self, inference_ms: float) -> None:
-        """Update rates once a second: more frequent changes are illegible."""
-        now_ns = clock.now_ns()
-        if now_ns - self._pace_reported_ns >= _PACE_EVERY_NS:
-            self._pace_reported_ns = now_ns
-            looks_per_s = self._detection_rates.per_second(now_ns=now_ns)
-            self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
 
     def _show_persons(self, presence: PresenceTracker) -> None:
         rows = presence.persons()

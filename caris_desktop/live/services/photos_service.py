@@ -257,9 +257,7 @@ class PhotosService(ContextService):
             path = self._found(name).path
             return lambda: _pictures(path, _FOR_MODEL_PX)[0]
         stream = self._state.frame_of(name.removeprefix(intents.CAMERA_PICTURE))
-        image_bgr = None
-        if stream.freshness == "fresh":
-            image_bgr = self._frames.read_to_give(stream.value)
+        image_bgr = self._frames.read_to_give(stream.value) if stream.freshness == "fresh" else None
         if image_bgr is None:
             raise RefusedError(
                 tr("That camera has no video now."), tr("The assistant was not asked."),

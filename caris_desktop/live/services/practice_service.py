@@ -143,7 +143,7 @@ class Practice:
         self._at: tuple[float, float] | None = None
         self._happened: Mapping[str, Callable[[Any], bool]] = {
             "drive": lambda _event: self._driven_m >= _DRIVEN_M,
-            "type": self._typed_while_driving,
+            "type": lambda event: self._moving and isinstance(event, UtteranceChanged) and event.origin == "typed",
             "phrase": lambda event: (
                 isinstance(event, UtteranceChanged)
                 and event.origin == "phrase"
@@ -157,7 +157,7 @@ class Practice:
             "suggestion": lambda event: isinstance(event, SuggestionChanged) and event.state in ("taken", "edited"),
             "mark": lambda event: isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn",
             "link": lambda _event: self._lost and self._driven_m >= _DRIVEN_AGAIN_M,
-            "emergency": self._released,
+            "emergency": lambda event: self._latched and isinstance(event, EmergencyStopChanged) and not event.latched,
         }
 
     @property
@@ -215,12 +215,6 @@ class Practice:
             self._driven_m += math.dist(before, self._at)
         self._moved = self._moving
 
-    def _typed_while_driving(self, event: Any) -> bool:
-        return self._moving and isinstance(event, UtteranceChanged) and event.origin == "typed"
-
-    def _released(self, event: Any) -> bool:
-        return self._latched and isinstance(event, EmergencyStopChanged) and not event.latched
-
 
 PURPOSE = "practice"
 _SIMULATED = "simulated"
@@ -266,7 +260,7 @@ class PracticeService(ContextService):
     def handlers(self) -> Handlers:
         return {
             intents.BeginPractice: self._begin,
-            intents.SkipPracticeStep: lambda intent: self._skip(intent.actor),
+            intents.SkipPracticeStep: self._skip,
             intents.EndPractice: lambda intent: self._end(intent.actor),
         }
 
@@ -334,7 +328,7 @@ class PracticeService(ContextService):
         elif recording == "recording":
             self._stage.stop()
             self._practice = Practice(self._now_s())
-            self._show()
+            self._show(self._practice)
 
     def _end(self, actor: Actor) -> None:
         practice, self._practice = self._practice, None
@@ -368,17 +362,13 @@ class PracticeService(ContextService):
             return
         ended = self._practice.add(value, self._now_s())
         if ended is not None:
-            self._notify(ended, getattr(value, "actor", "") or CONSOLE)
+            self._notify(self._practice, ended, getattr(value, "actor", "") or CONSOLE)
 
-    def _skip(self, actor: Actor) -> None:
-        ended = self._practice.skip(self._now_s()) if self._practice is not None else None
-        if ended is not None:
-            self._notify(ended, actor)
+    def _skip(self, intent: intents.SkipPracticeStep) -> None:
+        if self._practice is not None and (ended := self._practice.skip(self._now_s())) is not None:
+            self._notify(self._practice, ended, intent.actor)
 
-    def _notify(self, ended: EndedStep, actor: Actor) -> None:
-        practice = self._practice
-        if practice is None:
-            return
+    def _notify(self, practice: Practice, ended: EndedStep, actor: Actor) -> None:
         self._bus.publish(
             PracticeStepEnded(
                 clock.now_ns(), ended.step.id, len(practice.ended), ended.done, round(ended.took_s, 2), actor
@@ -394,7 +384,7 @@ class PracticeService(ContextService):
             self._ask_again.start()
         elif step.id == "link":
             self._parts.cut_link(LINK_IS_CUT_S)
-        self._show()
+        self._show(practice)
 
     def _repeat_question(self) -> None:
         """Repeat the participant's question, unless suggestions are shown, which it would replace."""
@@ -409,15 +399,13 @@ class PracticeService(ContextService):
         for event in (question, replace(question, state="finished")):
             self._bus.publish(event)
 
-    def _show(self) -> None:
-        practice = self._practice
-        if practice is not None:
-            self._state.practice.set(
-                PracticeStatus(
-                    "running", _steps(practice), practice.done, since_ns=round(practice.since_s * 1e9),
-                    wizard=self._wizard,
-                )
-            )  # fmt: skip
+    def _show(self, practice: Practice) -> None:
+        self._state.practice.set(
+            PracticeStatus(
+                "running", _steps(practice), practice.done, since_ns=round(practice.since_s * 1e9),
+                wizard=self._wizard,
+            )
+        )  # fmt: skip
 
     def _now_s(self) -> float:
         return clock.now_ns() / 1e9

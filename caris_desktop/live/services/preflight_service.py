@@ -126,8 +126,8 @@ class PreflightService(ContextService):
     def follows(self) -> Follows:
         return {
             LinkChanged: self._on_link_changed,
-            RobotChosen: self._on_robot_chosen,
-            SessionEnded: self._on_session_ended,
+            RobotChosen: lambda _event: self._reset(_OTHER_ROBOT),
+            SessionEnded: lambda _event: self._reset(_NEXT_RECORDING),
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -243,19 +243,11 @@ class PreflightService(ContextService):
             self._reason_open, self._withdrawn = reason, frozenset(self._ticks)
         self._ticks.clear()
         self._loud = False
+        self.evaluate()
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "control" and streams_voided_by(event):
             self._reset(_LINK_LOST)
-            self.evaluate()
-
-    def _on_robot_chosen(self, _event: RobotChosen) -> None:
-        self._reset(_OTHER_ROBOT)
-        self.evaluate()
-
-    def _on_session_ended(self, _event: SessionEnded) -> None:
-        self._reset(_NEXT_RECORDING)
-        self.evaluate()
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop != self._emergency_stop:

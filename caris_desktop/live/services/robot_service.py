@@ -210,7 +210,13 @@ class RobotService(ContextService):
         if self._settling is not None:
             self._settling.cancel()
             self._settling = None
-        self._forget_robot()
+        self._state.clear_robot_streams()
+        self._state.forget_cameras()
+        self._state.map.clear()
+        self._state.goal.set(None)
+        self._state.mapping.set(MapStatus())
+        self._state.control_states.set({})
+        self._state.traffic.set({})
         self._reported_no_timeout_of = ""  # the alarm ends with the robot and returns with it
         self._state.link.set(
             LinkStatus(state="connecting", robot=connection.name, address=connection.address, starts=starts)
@@ -435,15 +441,6 @@ class RobotService(ContextService):
         elif event.state == "succeeded" and event.operation in ("save", "load"):
             done = tr("The map {name} was saved.") if event.operation == "save" else tr("The map {name} was loaded.")
             self._problem("info", done.format(name=event.name), tr(event.detail), "", cause=ANSWER)
-
-    def _forget_robot(self) -> None:
-        self._state.clear_robot_streams()
-        self._state.forget_cameras()
-        self._state.map.clear()
-        self._state.goal.set(None)
-        self._state.mapping.set(MapStatus())
-        self._state.control_states.set({})
-        self._state.traffic.set({})
 
     # Goals
 

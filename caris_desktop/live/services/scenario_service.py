@@ -135,17 +135,14 @@ class ScenarioService(ContextService):
         """Initial events of a recording about it."""
         return [self._opened(), *([] if self._layout is None else [replace(self._layout, stamp_ns=now_ns)])]
 
-    def _layouts(self) -> LayoutFiles:
+    def _save_layout(self, intent: intents.SaveLayout) -> None:
         if self._parts.layouts is None:
             raise UserFacingError(
                 tr("The panel layout was not saved."),
                 tr("Nothing is saved in this run."),
                 tr("Start the console without a rehearsal, and save the layout there."),
             )
-        return self._parts.layouts
-
-    def _save_layout(self, intent: intents.SaveLayout) -> None:
-        layouts, replaced = self._layouts(), self.current
+        layouts, replaced = self._parts.layouts, self.current
 
         def written(path: Path) -> None:
             layouts.note_saved(path, intent, replaced=replaced)
@@ -461,20 +458,18 @@ class ScenarioWatch(QObject):
             self._asking = False
             if path == self._path and found[0] != before:
                 self._touched = found[0]
-                self._on_checked(path, found[1])
+                sha256 = found[1]
+                if sha256 in ("", self._known):
+                    self._checksum_seen = ""  # temporarily missing, or unchanged
+                elif sha256 != self._checksum_seen:
+                    self._checksum_seen = sha256
+                    if self._clock.isActive():
+                        self._rest.start()
+                else:
+                    self._known, self._checksum_seen = sha256, ""
+                    self._changed(path)
 
         self._slow_work.do(lambda: _read(path, before), on_answer, lambda _failure: None)
-
-    def _on_checked(self, path: Path, sha256: str) -> None:
-        if sha256 in ("", self._known):
-            self._checksum_seen = ""  # temporarily missing, or unchanged
-        elif sha256 != self._checksum_seen:
-            self._checksum_seen = sha256
-            if self._clock.isActive():
-                self._rest.start()
-        else:
-            self._known, self._checksum_seen = sha256, ""
-            self._changed(path)
 
 
 def _read(path: Path, before: Touched | None) -> tuple[Touched | None, str]:

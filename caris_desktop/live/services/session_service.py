@@ -262,7 +262,16 @@ class SessionService(ContextService):
         if not concerned.recording.idle:
             return
         if not intent.anyway:
-            self._refuse_unready()
+            # Refuse if required checks are open and the wizard was not asked before, whatever key was used.
+            waits = self._with.preflight.waits_for()
+            if waits:
+                raise RefusedError(
+                    tr("The recording did not start. Not ready: {checks}.").format(
+                        checks=", ".join(tr(check.title) for check in waits)
+                    ),
+                    tr("Nothing is recorded."),
+                    tr("Resolve this in the preflight checks, or choose Record anyway in Start recording."),
+                )
         # One participant's conversation must enter neither the model's context nor the record of the next.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
@@ -276,18 +285,6 @@ class SessionService(ContextService):
             concerned.microphone.open_and_then(lambda: self._begin(intent))
         else:
             self._begin(intent)
-
-    def _refuse_unready(self) -> None:
-        """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
-        waits = self._with.preflight.waits_for()
-        if waits:
-            raise RefusedError(
-                tr("The recording did not start. Not ready: {checks}.").format(
-                    checks=", ".join(tr(check.title) for check in waits)
-                ),
-                tr("Nothing is recorded."),
-                tr("Resolve this in the preflight checks, or choose Record anyway in Start recording."),
-            )
 
     def _begin(self, intent: intents.StartRecording) -> None:
         concerned = self._with

@@ -151,16 +151,13 @@ class PushToTalkVoice(QObject):
         if "computer" in self.outlets:
             self.playback.play(chunk)
         if "robot" in self.outlets:
-            self._play_on_robot(chunk, utterance_id)
-
-    def _play_on_robot(self, chunk: AudioChunk, utterance_id: str) -> None:  # reader thread of the microphone
-        if self._resampler is None:
-            self._resampler = Resampler(chunk.sample_rate_hz, self._rate_hz)
-        mono = chunk.samples.mean(axis=1, dtype=np.float32)
-        samples = np.clip(self._resampler.process(mono), -32768, 32767).astype(np.int16)[:, None]
-        now_ns = clock.now_ns()
-        if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
-            self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))
+            if self._resampler is None:
+                self._resampler = Resampler(chunk.sample_rate_hz, self._rate_hz)
+            mono = chunk.samples.mean(axis=1, dtype=np.float32)
+            samples = np.clip(self._resampler.process(mono), -32768, 32767).astype(np.int16)[:, None]
+            now_ns = clock.now_ns()
+            if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
+                self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))
 
     def _on_played(self, played: PlaybackStarted) -> None:  # reader thread of the playback
         self._note(PlayedSound(played.stamp_ns, played.stream_id, "", played.sample_rate_hz, played.samples))
@@ -287,10 +284,6 @@ class SoundService(ContextService):
         self._open_for.stop()
         self._deaf.stop()
 
-    def end(self) -> None:
-        self._hearing.process.end()
-        self._voice.playback.process.end()
-
     # Push-to-talk
 
     def _push_to_talk(self, intent: intents.PushToTalk) -> None:
@@ -313,7 +306,7 @@ class SoundService(ContextService):
             robot = self._state.robot.value
             rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
             self._voice.begin(self._outlets(scenario), rate_hz, intent.actor)
-        self._show(talking=intent.to)
+        self._state.sound.update(talking=intent.to)
         self._update_hearing()
         self._open_for.stop()
         self._microphones.open_wizards()
@@ -338,7 +331,7 @@ class SoundService(ContextService):
             self._deaf.start()
         else:
             self._microphones.mute_wizards()
-        self._show(talking="")
+        self._state.sound.update(talking="")
         self._open_for.start()
         self._update_hearing()
 
@@ -346,7 +339,7 @@ class SoundService(ContextService):
         if self._state.sound.value.talking != "dictation":
             self._microphones.mute_wizards()
         if self._state.sound.value.talking == "robot":
-            self._show(talking="")
+            self._state.sound.update(talking="")
             self._open_for.start()
         if detail and detail != "no speech was played":
             self._problem(
@@ -375,14 +368,14 @@ class SoundService(ContextService):
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
             )  # fmt: skip
-        self._show(volume=intent.volume)
+        self._state.sound.update(volume=intent.volume)
         self._hearing.set_volume(intent.volume)
         self._hear(intent.on)
 
     def _hear(self, on: bool) -> None:
         if on == self._state.sound.value.hearing:
             return
-        self._show(hearing=on)
+        self._state.sound.update(hearing=on)
         self._microphones.need_hearing(on)
         if on:
             self._hearing.begin(_HEARING, volume=self._state.sound.value.volume)
@@ -409,9 +402,6 @@ class SoundService(ContextService):
             tr("Connect headphones or start the sound server, then start listening again."),
             cause=ANSWER,
         )
-
-    def _show(self, **changed: object) -> None:
-        self._state.sound.update(**changed)
 
 
 _STUCK_AFTER_MS = 5000

@@ -146,8 +146,7 @@ class SpeakingService(ContextService):
 
     def _ask_for(self, intent: intents.Say | None, gap: str) -> None:
         self._pending = intent
-        speech = self._state.speech
-        speech.update(gap=None if intent is None else OpenGap(intent.text, gap))
+        self._state.speech.update(gap=None if intent is None else OpenGap(intent.text, gap))
 
     def _edit(self, intent: intents.EditQueued) -> None:
         event = self._queue.waiting(intent.utterance_id)

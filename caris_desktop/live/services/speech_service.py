@@ -158,9 +158,6 @@ class SpeechService(ContextService):
         self._soon.stop()
         self._process.ask_to_end()
 
-    def end(self) -> None:
-        self._process.end()
-
     def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
         """Send to this computer's voice without waiting; False if impossible."""
         return self._process.send(message)

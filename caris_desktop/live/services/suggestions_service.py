@@ -526,8 +526,7 @@ class SuggestionsService(ContextService):
         if getattr(levels, function) == level:
             return
         self._bus.publish(LevelChanged(clock.now_ns(), function, level, actor))
-        changed = {function: level}
-        self._state.levels.set(replace(levels, **changed))
+        self._state.levels.update(**{function: level})
         if function == "replies" and level == "off":
             self._rounds.withdraw(QT_TR_NOOP("the wizard turned off suggestions"), clock.now_ns())
         if function == "fillers" and level == "off":

@@ -82,7 +82,14 @@ class RemoteDetector:
         if not image_bgr.size:
             return _read({"boxes": []}, 1.0)
         if self._connection is None:
-            self._connect_again()
+            now_s = self._monotonic_s()
+            if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
+                raise self._away(QT_TR_NOOP("{shown} does not respond"))
+            self._tried_s = now_s
+            hello = self._connect()
+            if tuple(hello["class_names"]) != self.class_names:
+                self.close()
+                raise self._away(QT_TR_NOOP("{shown} now uses a different detector"))
         scale = min(1.0, _LONGEST_PX / max(image_bgr.shape[:2]))
         sent = image_bgr
         if scale < 1.0:
@@ -160,16 +167,6 @@ class RemoteDetector:
             raise self._away(QT_TR_NOOP("{shown} is not a perception server, or has a different version")) from error
         log.info("people are looked for by %s at %s", hello["label"], self._server)
         return hello
-
-    def _connect_again(self) -> None:
-        now_s = self._monotonic_s()
-        if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise self._away(QT_TR_NOOP("{shown} does not respond"))
-        self._tried_s = now_s
-        hello = self._connect()
-        if tuple(hello["class_names"]) != self.class_names:
-            self.close()
-            raise self._away(QT_TR_NOOP("{shown} now uses a different detector"))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection

@@ -80,10 +80,6 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
         raise
     except Exception as error:  # onnxruntime, LiteRT and OpenVINO raise types of their own for a bad file
         raise _unreadable(weights) from error
-    return _by_ultralytics(weights, confidence=confidence, threads=threads, device=device)
-
-
-def _by_ultralytics(weights: Weights, *, confidence: float, threads: int, device: Device) -> Detector:
     try:
         from caris_desktop.perception.backends.ultralytics_runtime import UltralyticsDetector
 
@@ -149,7 +145,13 @@ def open_fastest(
     folder = cache_dir or _user_cache_dir()
     export = folder / f"{check_weights(weights)[:24]}-{__version__}.onnx"
     openers = _openers(weights, export, confidence=confidence, threads=threads, device=device)
-    remembered = folder / f"{export.stem}-{_circumstances(weights, tuple(openers), threads, device)}.json"
+    # Hash of everything but the weights that affects the measurement.
+    packages = ("torch", "ultralytics-opencv-headless", "onnxruntime", "openvino")
+    circumstances = [
+        __version__, platform.node(), platform.machine(), platform.processor(), os.cpu_count(), threads, device,
+        weights.input_px, tuple(openers), [_version(package) for package in packages],
+    ]  # fmt: skip
+    remembered = folder / f"{export.stem}-{hashlib.sha256(repr(circumstances).encode()).hexdigest()[:16]}.json"
     choice = _recall(remembered)
     if choice is not None and choice.runtime in openers:
         try:
@@ -158,7 +160,11 @@ def open_fastest(
             log.warning("the %s form of %s does not open any more: %s", choice.runtime, weights.path.name, error)
     detector, choice = _measure(openers, _photos() if pictures is None else pictures)
     log.info("%s runs by %s: %s", weights.path.name, choice.runtime, choice)
-    _remember(remembered, choice)
+    try:
+        remembered.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(remembered, json.dumps(asdict(choice), indent=1).encode(), durable=False)
+    except OSError as error:
+        log.info("what was measured is not kept: %s", error)
     return _labelled(detector, choice)
 
 
@@ -273,16 +279,6 @@ def _photos() -> list[NDArray[np.uint8]]:
     return [np.asarray(picture, np.uint8) for picture in pictures if picture is not None]
 
 
-def _circumstances(weights: Weights, runtimes: tuple[str, ...], threads: int, device: Device) -> str:
-    """Hash of everything but the weights that affects the measurement."""
-    packages = ("torch", "ultralytics-opencv-headless", "onnxruntime", "openvino")
-    circumstances = [
-        __version__, platform.node(), platform.machine(), platform.processor(), os.cpu_count(), threads, device,
-        weights.input_px, runtimes, [_version(package) for package in packages],
-    ]  # fmt: skip
-    return hashlib.sha256(repr(circumstances).encode()).hexdigest()[:16]
-
-
 def _version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
@@ -313,14 +309,6 @@ def _recall(path: Path) -> MeasuredChoice | None:
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-
-
-def _remember(path: Path, choice: MeasuredChoice) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, json.dumps(asdict(choice), indent=1).encode(), durable=False)
-    except OSError as error:
-        log.info("what was measured is not kept: %s", error)
 
 
 # Open the detector selected by scenario or user, or the default one, locally or on another machine.
