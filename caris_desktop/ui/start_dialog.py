@@ -136,8 +136,9 @@ class StartDialog(FormDialog):
             theme, tr("Cancel"), role="ghost", height_px=38, objectName="start_dialog_cancel", clicked=self.reject
         )
         content = QWidget()
-        sides = self._sides = QBoxLayout(QBoxLayout.Direction.LeftToRight, content, spacing=28)
+        sides = self._sides = QBoxLayout(QBoxLayout.Direction.LeftToRight, content)
         sides.setContentsMargins(_SIDE_PX, 20, _SIDE_PX, 8)
+        sides.setSpacing(28)
         head = label(tr("Who takes part?"), "heading"), label(hint, "note", wraps=True)
         amount = layouts.vbox(None, self._contents, self._room, spacing_px=4)
         sides.addLayout(layouts.vbox(None, *head, form, amount, 1, spacing_px=14), _FORM_PX)
