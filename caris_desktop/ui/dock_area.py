@@ -369,6 +369,11 @@ class Dock(KeyPlace):
         super().leaveEvent(event)
         self._title_bar.set_pointed(False)
 
+    @property
+    def has_picture(self) -> bool:
+        """Whether it is in view with a picture instead of a title bar."""
+        return not self._title_px and not self.isHidden()
+
     def leave_clear(self, covered: QRect) -> None:
         """Keep a picture's names and controls clear of what covers its upper edge, in the coordinates of the parent."""
         if self._title_px:
@@ -378,6 +383,7 @@ class Dock(KeyPlace):
         free_px = self.width() - self._title_bar.row.sizeHint().width() if at_left.isHidden() else 0
         lower = self._panel.covered.bottom() + 1 if self._panel.covered.right() >= free_px else 0
         self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
+        self._panel.fit()
 
     def _is_handle(self, at: QPoint) -> bool:
         return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
@@ -450,6 +456,7 @@ class DockArea(QWidget):
         self.whole_tree: LayoutNode | None = None
         self.locked = False
         self._visible: frozenset[PanelName] = frozenset()
+        self._reserved_px = 0
         self.placing = DockGeometry()
         self._bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
@@ -473,7 +480,8 @@ class DockArea(QWidget):
 
     def lay_out(self) -> None:
         tree = self.whole_tree
-        self.placing = DockGeometry() if tree is None else place(tree, self.rect(), self._visible, self._least)
+        room = self.rect().adjusted(0, self._reserved_px, 0, 0)
+        self.placing = DockGeometry() if tree is None else place(tree, room, self._visible, self._least)
         tabbed = [group for group in self.placing.groups if group.tabbed]
         layouts.adjust_count(self._bars, len(tabbed), self._new_bar)
         for bar, group in zip(self._bars, tabbed, strict=True):
@@ -490,6 +498,17 @@ class DockArea(QWidget):
                     dock.fit()  # its minimum may have changed
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
+
+    def reserve(self, height_px: int) -> None:
+        """Leave this height above the panels free."""
+        if height_px != self._reserved_px:
+            self._reserved_px = height_px
+            self.lay_out()
+
+    def picture_place(self) -> QRect:
+        """Place of the picture in view; empty if there is none."""
+        places = (dock.geometry() for dock in self.docks.values() if dock.parentWidget() is self and dock.has_picture)
+        return next(places, QRect())
 
     def leave_room(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
         """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the

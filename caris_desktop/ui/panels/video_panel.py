@@ -176,6 +176,8 @@ class VideoPanel(Panel):
         self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
         self.strip.use_place(place)
         self.strip.refresh_all()
+        self._thumbnail.top_px = TITLE_HEIGHT_PX + max(0, self.covered.bottom() + 1)
+        self._thumbnail.place()
 
     def _on_camera_chosen(self, index: int) -> None:
         self.state.choose_camera(str(self._cameras.itemData(index)))
