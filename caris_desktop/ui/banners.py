@@ -2,7 +2,7 @@
 and the hint next to the focused widget on why a key had no effect.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import shiboken6
@@ -22,10 +22,12 @@ from caris_desktop.ui.focus_widget import Bar, focused_widget, window_of
 from caris_desktop.ui.input.drive_input_filter import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel
+from caris_desktop.ui.widgets.labels import label
 
 _BUTTON_PX = 28
 _HEIGHT_PX, _EDGE_PX = 38, 4
+_SHARE = 0.5
+"""Maximum covered share of a picture's height: the path ahead is in its lower part."""
 
 
 class Banner(QWidget):
@@ -33,15 +35,16 @@ class Banner(QWidget):
 
     accessible_role = QAccessible.Role.AlertMessage
 
-    def __init__(self, theme: Theme, name: str, *, role: str) -> None:
+    def __init__(self, theme: Theme, name: str, *, role: str, text: QLabel | None = None) -> None:
+        """``text``: its label, such as one that elides; else its sentence wraps."""
         super().__init__()
         self.setObjectName(name)
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setProperty("role", "banner")
         self.setProperty("tone", role)
         self._theme = theme
-        self.text = ElidedLabel(role="title")
-        self.row = layouts.hbox(self, (self.text, 1), margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
+        self.text = text or label("", "title", wraps=True, textFormat=Qt.TextFormat.PlainText)
+        self.row = layouts.hbox(self, (self.text, 1), margins_px=(14, 4, 4, 4), spacing_px=tokens.GRID_PX)
         self.hide()
 
     def add_button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
@@ -57,9 +60,10 @@ class Banner(QWidget):
 
     @property
     def needed_px(self) -> int:
-        """Width with the whole sentence."""
-        # The row's own hint leaves out the sentence, which may be elided.
-        return self.sizeHint().width() + self.text.sizeHint().width() + 4
+        """Width with the whole sentence on one line."""
+        self.text.ensurePolished()
+        text_px = self.text.fontMetrics().size(0, self.text.text()).width()
+        return self.row.sizeHint().width() - self.text.sizeHint().width() + text_px + 4
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
@@ -139,21 +143,20 @@ class QuestionBanner(Banner):
 
 
 class NoticeStrip(Bar, QWidget):
-    """Visible banners side by side over the upper edge of the panels, below their tabs, as wide as their texts if there
-    is room. They move nothing. ``placed``: they came, changed or went.
+    """Visible banners, one below the other: over the upper edge of the picture, or above the panels where the picture
+    is too small or not in view. They cover no title, field or button. ``placed``: they came, changed or went.
     """
 
     placed = Signal()
 
-    def __init__(self, over: DockArea, bands: Mapping[Banner, int]) -> None:
-        """``bands`` from left to right, with their share of the width where it is short."""
+    def __init__(self, over: DockArea, *bands: Banner) -> None:
         super().__init__(over)
         self.setObjectName("notice_strip")
         self._over = over
-        self._bands = tuple(bands)
-        row = layouts.hbox(self, margins_px=0, spacing_px=tokens.GRID_PX)
-        for band, share in bands.items():
-            row.addWidget(band, share)
+        self._bands = bands
+        self._column = layouts.vbox(self, *bands, margins_px=0, spacing_px=_EDGE_PX)
+        for band in bands:
+            band.setMinimumHeight(_HEIGHT_PX)
             band.installEventFilter(self)
         over.laid_out.connect(self._place)
         self.hide()
@@ -171,17 +174,21 @@ class NoticeStrip(Bar, QWidget):
         return super().eventFilter(watched, event)
 
     def _place(self) -> None:
-        shown = [band for band in self._bands if not band.isHidden()]
-        needed = sum(band.needed_px for band in shown) + tokens.GRID_PX * (len(shown) - 1)
-        width = min(needed, self._over.width() - 2 * _EDGE_PX)
-        for band in shown:  # each whole if there is room, else by their shares
-            band.setMinimumWidth(band.needed_px if width == needed else 0)
-        place = QRect(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
-        tabs = [bar.geometry().bottom() for bar in self._over.bars if bar.geometry().intersects(place)]
-        self.setGeometry(place.translated(0, max(tabs, default=0)))
-        self.setVisible(bool(shown))
+        needed_px = [band.needed_px for band in self._bands if not band.isHidden()]
+        picture = self._over.picture_place()
+        place = self._place_in(picture, max(needed_px, default=0))
+        on_picture = place.height() <= picture.height() * _SHARE
+        if not on_picture:
+            place = self._place_in(self._over.rect(), max(needed_px, default=0))
+        self._over.reserve(place.bottom() + 1 + _EDGE_PX if needed_px and not on_picture else 0)
+        self.setGeometry(place)
+        self.setVisible(bool(needed_px))
         self.raise_()
         self.placed.emit()
+
+    def _place_in(self, room: QRect, needed_px: int) -> QRect:
+        width = max(0, min(needed_px, room.width() - 2 * _EDGE_PX))
+        return QRect(room.left() + _EDGE_PX, room.top() + _EDGE_PX, width, self._column.heightForWidth(width))
 
     @property
     def covered(self) -> QRect:

@@ -349,6 +349,11 @@ class Dock(KeyPlace):
         super().leaveEvent(event)
         self.title_bar.set_pointed(False)
 
+    @property
+    def has_picture(self) -> bool:
+        """Whether it is in view with a picture instead of a title bar."""
+        return not self._title_px and not self.isHidden()
+
     def leave_clear(self, covered: QRect) -> None:
         """Keep a picture's names and controls clear of what covers its upper edge, in the coordinates of the parent."""
         if self._title_px:
@@ -358,6 +363,7 @@ class Dock(KeyPlace):
         free_px = self.width() - self.title_bar.row.sizeHint().width() if at_left.isHidden() else 0
         lower = self.panel.covered.bottom() + 1 if self.panel.covered.right() >= free_px else 0
         self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
+        self._panel.fit()
 
     def _open_menu(self) -> None:
         self._requests.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
@@ -417,6 +423,7 @@ class DockArea(QWidget):
         self.whole_tree: LayoutNode | None = None
         self.locked = False
         self._visible: frozenset[PanelName] = frozenset()
+        self._reserved_px = 0
         self.placing = DockGeometry()
         self.bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
@@ -438,9 +445,10 @@ class DockArea(QWidget):
         dock.lower()
 
     def lay_out(self) -> None:
+        room = self.rect().adjusted(0, self._reserved_px, 0, 0)
         self.placing = DockGeometry()
         if self.whole_tree is not None:
-            self.placing = place(self.whole_tree, self.rect(), self._visible, lambda name: self.docks[name].least())
+            self.placing = place(self.whole_tree, room, self._visible, lambda name: self.docks[name].least())
         tabbed = [group for group in self.placing.groups if group.tabbed]
         layouts.adjust_count(self.bars, len(tabbed), lambda: PanelTabs(self.docks, self.requests, self))
         for bar, group in zip(self.bars, tabbed, strict=True):
@@ -457,6 +465,17 @@ class DockArea(QWidget):
                     dock.fit()  # its minimum may have changed
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
+
+    def reserve(self, height_px: int) -> None:
+        """Leave this height above the panels free."""
+        if height_px != self._reserved_px:
+            self._reserved_px = height_px
+            self.lay_out()
+
+    def picture_place(self) -> QRect:
+        """Place of the picture in view; empty if there is none."""
+        places = (dock.geometry() for dock in self.docks.values() if dock.parentWidget() is self and dock.has_picture)
+        return next(places, QRect())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -109,10 +109,9 @@ class MainWindow(PanelWindow, QWidget):
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBanner(self.theme)
         hint = DriveHint(self.theme, console, self.actions_table)
-        bands = {EmergencyBanner(self.theme, console): 3, GuardBanner(self.theme, console): 2, self._question: 4}
-        bands[hint] = 2
         self.dock_host = DockHost()
-        self._strip = NoticeStrip(self.dock_host, bands)
+        banners = EmergencyBanner(self.theme, console), GuardBanner(self.theme, console), self._question, hint
+        self._strip = NoticeStrip(self.dock_host, *banners)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
         self.marking.card.lie_below(self._protocol, self._strip)
         self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)

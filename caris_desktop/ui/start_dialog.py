@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFormLayout, QLineEdit, QWidget
 
 from caris_desktop.domain import intents
@@ -15,7 +16,7 @@ from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.event_messages import checks_summary, open_checks
-from caris_desktop.ui.form_dialog import FormDialog
+from caris_desktop.ui.form_dialog import FormDialog, resize_to
 from caris_desktop.ui.preflight_list import PreflightList
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -32,8 +33,8 @@ _FIELDS = (
 )
 PRACTICE = QT_TR_NOOP("practice")
 _FORM_PX, _CHECKS_PX, _SIDE_PX = 560, 400, 24
-_WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
-_FRAME_PX = QSize(16, 56)  # window decoration of the desktop
+_BOTH_PX = _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
+_WITH_CHECKS_PX, _LEAST_CHECKS_PX = 660, 320
 
 
 def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDetails | None:
@@ -135,27 +136,20 @@ class StartDialog(FormDialog):
             theme, tr("Cancel"), role="ghost", height_px=38, objectName="start_dialog_cancel", clicked=self.reject
         )
         content = QWidget()
-        self._room_px = parent.screen().availableGeometry().size()
-        beside = self._room_px.width() >= _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
-        sides = QBoxLayout(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom, content)
+        sides = self._sides = QBoxLayout(QBoxLayout.Direction.LeftToRight, content)
         sides.setContentsMargins(_SIDE_PX, 20, _SIDE_PX, 8)
         sides.setSpacing(28)
         head = label(tr("Who takes part?"), "heading"), label(hint, "note", wraps=True)
         amount = layouts.vbox(None, self._contents, self._room, spacing_px=4)
-        sides.addLayout(layouts.vbox(None, *head, form, amount, 1, spacing_px=14), 1)
+        sides.addLayout(layouts.vbox(None, *head, form, amount, 1, spacing_px=14), _FORM_PX)
         self._checks = console.state.preflight
         if self._checks.value:
-            checks = self._make_checks()
-            if beside:
-                checks.setFixedWidth(_CHECKS_PX)
-            else:
-                checks.setMinimumHeight(_CHECKS_BELOW_PX)
-            sides.addWidget(checks)
+            sides.addWidget(self._make_checks(), _CHECKS_PX)
         buttons = layouts.hbox(None, cancel, 1, skip, self._begin_button, spacing_px=8)
         foot = layouts.vbox(None, self._question, buttons, margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
         layouts.vbox(self, (Scrolled(content), 1), foot, margins_px=0, spacing_px=0)
         self._show_contents()
-        self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen
+        resize_to(self, self.sizeHint())
         # The field that changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
 
@@ -175,7 +169,7 @@ class StartDialog(FormDialog):
             self._form.setRowVisible(self._again, True)
             self._again.setChecked(self._wants_last)
         self._show_room(before.bytes_per_hour, before.free_bytes)
-        self.resize(self.size().expandedTo(self.sizeHint()))
+        resize_to(self, self.size().expandedTo(self.sizeHint()))
         if self._wants_begin:
             self._on_begin()
 
@@ -188,13 +182,18 @@ class StartDialog(FormDialog):
         self._room.setText(expected)
 
     def sizeHint(self) -> QSize:
-        least_px = _WITH_CHECKS_PX if self._checks.value else 0
-        size = QSize(_FORM_PX, least_px).expandedTo(super().sizeHint())
-        return size.boundedTo(self._room_px - _FRAME_PX)
+        least = QSize(_BOTH_PX, _WITH_CHECKS_PX) if self._checks.value else QSize(_FORM_PX, 0)
+        return least.expandedTo(super().sizeHint())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the checks beside the trial details, or below them where the dialog is narrow."""
+        super().resizeEvent(event)
+        directions = QBoxLayout.Direction
+        self._sides.setDirection(directions.LeftToRight if self.width() >= _BOTH_PX else directions.TopToBottom)
 
     def _make_checks(self) -> QWidget:
-        """List of preflight checks, next to the trial details."""
-        side = QWidget()
+        """List of preflight checks."""
+        side = QWidget(minimumWidth=_CHECKS_PX, minimumHeight=_LEAST_CHECKS_PX)
         self._summary = label("", "note", wraps=True, objectName="start_summary")
         heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, self._console)
         layouts.vbox(side, heading, self._summary, (checks, 1), margins_px=0, spacing_px=8)

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
     QGraphicsSimpleTextItem,
+    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QTabBar,
@@ -29,6 +31,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import DriveStatus, FaceStatus, LinkStatus, RecordingStatus
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.ui.dock_area import PanelTitleBar
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.panels.map_panel import MapPanel
@@ -42,6 +45,7 @@ from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
 SIZE = (1366, 768)
+_TAKES_INPUT = (QAbstractButton, QLineEdit, QComboBox, QTextEdit, QPlainTextEdit, QTabBar)
 Open = Callable[[str], tuple[MainWindow, FakeConsole]]
 
 
@@ -92,7 +96,7 @@ def controls(window: QWidget) -> list[str]:
             found += [f"tab {part.tabText(index)}" for index in range(part.count()) if part.isTabVisible(index)]
         elif isinstance(part, ActionButton):
             found += [name] if part.is_seen else []
-        elif isinstance(part, QAbstractButton | QLineEdit | QComboBox | QTextEdit | QPlainTextEdit):
+        elif isinstance(part, _TAKES_INPUT):
             found.append(name)
     return found
 
@@ -241,10 +245,12 @@ def test_a_banner_covers_neither_the_controls_on_the_picture_nor_its_labels(
     photo, panel = find(window, "photo_button"), window.panels["video"]
     assert isinstance(panel, VideoPanel)
     before = place_of(photo, window)
+    console.state.add(PhotoTaken(clock.now_ns(), "front", 1, "photos/0001.png"))
     console.set_guard(on=False)
     QApplication.processEvents()
     covered = place_of(find(window, "notice_strip"), window)
     assert not covered.intersects(place_of(photo, window))
+    assert not place_of(find(window, "photo_thumbnail"), window).intersects(place_of(photo, window))
     for _text, _role, chip in panel.view._chip_places():
         assert not covered.intersects(chip.toRect().translated(panel.view.mapTo(window, QPoint())))
     window.resize(1500, 800)
@@ -254,6 +260,35 @@ def test_a_banner_covers_neither_the_controls_on_the_picture_nor_its_labels(
     console.set_guard(on=True)
     QApplication.processEvents()
     assert place_of(photo, window) == before
+
+
+@pytest.mark.parametrize("pictured", [True, False])
+@pytest.mark.parametrize("scenario", ["tour-guide", pytest.param("mental-health-check", marks=pytest.mark.long)])
+def test_banners_cover_no_title_field_or_button(opened: Open, scenario: str, pictured: bool) -> None:
+    window, console = opened(scenario)
+    show_picture(console, 640, 480)
+    if not pictured:
+        window.board.close("video")
+    for size in (SIZE, (1920, 1080), (911, 512)):
+        window.resize(*size)
+        for show in (
+            console.emergency_stop, partial(console.set_guard, on=False),
+            partial(window._question.ask, "Connect to TIAGo now? The present link ends.", "Connect", lambda: None),
+        ):  # fmt: skip
+            show()
+            for _ in range(10):
+                QApplication.processEvents()
+            strip = find(window, "notice_strip")
+            for part in window.dock_host.findChildren(QWidget):
+                is_title = isinstance(part.parent(), PanelTitleBar) and isinstance(part, ElidedLabel)
+                is_seen = part.isVisible() and not (isinstance(part, ActionButton) and not part.is_seen)
+                if is_seen and (is_title or isinstance(part, _TAKES_INPUT)) and not strip.isAncestorOf(part):
+                    assert not place_of(strip, window).intersects(place_of(part, window)), part.objectName()
+            for text in (text for text in strip.findChildren(QLabel) if text.isVisible()):
+                assert text.height() >= text.heightForWidth(text.width()), "the whole text is shown"
+        console.clear_emergency_stop()
+        console.set_guard(on=True)
+        window._question.put_away()
 
 
 def test_a_narrow_conversation_says_what_is_proposed(opened: Open) -> None:

@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtCore import QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -63,17 +63,6 @@ def at(panel: MapPanel, x_m: float, y_m: float) -> QPoint:
 def choose(panel: MapPanel, name: str) -> None:
     """Choose this action of the map's menu."""
     next(action for action in panel.fill_menu().actions() if action.objectName() == name).trigger()
-
-
-def choose_for_place(panel: MapPanel, place: str, name: str) -> None:
-    """Choose this action of a place's menu, opened from its popup."""
-    click_more = find(panel.window(), "map_place_more")
-    QTest.mouseClick(click_more, BUTTON)
-    menu = QApplication.activePopupWidget()
-    assert isinstance(menu, QMenu), place
-    action = next(action for action in menu.actions() if action.objectName() == name)
-    menu.close()
-    action.trigger()
 
 
 def drag(widget: QWidget, start: QPoint, end: QPoint, button: Qt.MouseButton = BUTTON) -> None:
@@ -421,7 +410,7 @@ def test_places_are_added_moved_removed_and_put_back(
     where = panel.view.place_position("Window seat m")
     assert where is not None
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=where)
-    choose_for_place(panel, "Window seat m", "map_place_move")
+    click(qtbot, find(window, "map_place_move"))
     assert "Window seat m" in panel.view.map_state.hint
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 7.0, 2.2))
     name, moved = console.named("save_place")[-1]
@@ -433,7 +422,7 @@ def test_places_are_added_moved_removed_and_put_back(
     where = panel.view.place_position("Window seat m")
     assert where is not None
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=where)
-    choose_for_place(panel, "Window seat m", "map_place_remove")
+    click(qtbot, find(window, "map_place_remove"))
     assert panel.view.place_position("Window seat m") is None
     click(qtbot, find(window, "map_undo_button"))
     assert panel.view.place_position("Window seat m") is not None
@@ -445,8 +434,8 @@ def test_a_place_clicked_while_another_card_is_open_has_its_whole_card(panel: Ma
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=first)
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=second)
     card = find(window, "map_card")
-    row = [find(window, name) for name in ("go_to_Kitchen", "map_place_more", "map_card_close")]
-    for button, following in itertools.pairwise(row):
+    rows = (("go_to_Kitchen", "map_card_close"), ("map_place_move", "map_place_remove"))
+    for button, following in [[find(window, name) for name in row] for row in rows]:
         assert card.rect().contains(button.geometry()) and button.size() == button.sizeHint(), button.objectName()
         assert following.x() - button.geometry().right() < 8, "one beside the other"
 
@@ -613,7 +602,7 @@ def test_a_moved_place_can_be_put_back(panel: MapPanel, window: MainWindow, cons
     before = panel.view.place_position("Kitchen")
     assert before is not None
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=before)
-    choose_for_place(panel, "Kitchen", "map_place_move")
+    click(qtbot, find(window, "map_place_move"))
     QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 7.0, 2.2))
     assert panel.view.place_position("Kitchen") != before
     click(qtbot, find(window, "map_undo_button"))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QComboBox, QFileDialog, QLabel, QLineEdit, QProgressBar, QWidget
 from pytestqt.qtbot import QtBot
@@ -38,9 +38,11 @@ from caris_desktop.ui.sessions_window import COLUMNS, SessionsWindow, lacks_word
 from caris_desktop.ui.start_dialog import StartDialog, contents_sentence, last_details
 from caris_desktop.ui.text_formatting import local_time
 from caris_desktop.ui.theme import Theme
+from tests.support.window_check import cut_off
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole, FakeLibrary
+from tests.ui.preflight.test_preflight import CHECKS
 from tests.ui.test_window import choose, choose_from_window_menu
 
 pytestmark = pytest.mark.panels("session")
@@ -281,6 +283,22 @@ def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme, con
     QTest.keyClicks(trial, "pilot")
     QTest.keyClicks(participant, "x")
     assert dialog.details().trial == "pilot", "what was typed stays"
+
+
+def test_the_checks_are_beside_the_details_or_below_them(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    console.state.preflight.set(CHECKS)
+    dialog = StartDialog(theme, parent, console)
+    dialog.show()
+    details, checks = find(dialog, "start_participant"), find(dialog, "preflight_list")
+
+    def beside() -> bool:
+        return checks.mapTo(dialog, QPoint()).x() > details.mapTo(dialog, QPoint()).x() + details.width()
+
+    for width_px in (1100, 667, 1100):
+        dialog.resize(width_px, 700)
+        qtbot.waitUntil(lambda wide=width_px > 1000: beside() is wide and cut_off(dialog) == [])
 
 
 def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:

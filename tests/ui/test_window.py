@@ -585,7 +585,7 @@ def test_no_banner_moves_the_panels(qtbot: QtBot, window: MainWindow, console: F
     assert places() == before
     assert (window.width(), window.height()) == (1366, 768)
     bands = [find(window, name) for name in ("emergency_band", "guard_band", "question_band")]
-    assert all(later.x() > earlier.geometry().right() for earlier, later in itertools.pairwise(bands))
+    assert all(later.y() > earlier.geometry().bottom() for earlier, later in itertools.pairwise(bands))
     for band in bands:
         for button in band.findChildren(ActionButton):
             assert button.width() >= button.sizeHint().width(), "its answer is legible"

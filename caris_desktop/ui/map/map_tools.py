@@ -17,7 +17,6 @@ from caris_desktop.ui import text_formatting
 from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.map.map_view import MapView
 from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import ChoiceCard, NameCard
 
 _TOLD_SHOWN_S = 8.0
@@ -75,7 +74,6 @@ class MapTools(QObject):
         self._before: Place | None = None  # a place before it was moved or removed
         self._card = ChoiceCard(self._theme, view, name="map_card")
         self._card.closed.connect(lambda: self._view.update_state(mark=None))
-        self._place_menu = named(QMenu(view), "map_place_menu")
         self._undo = ChoiceCard(self._theme, view, name="map_undo")
         self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
         self._undo_ends.timeout.connect(self._undo.hide)
@@ -140,19 +138,16 @@ class MapTools(QObject):
     def _on_place_clicked(self, name: str, where: QPointF) -> None:
         if not self.may_go:
             return
-        if not self.can_navigate():
-            self._open_place_menu(name, where)
-            return
-        go = (f"go_to_{name}", tr("Go to {place}").format(place=name), "navigation-arrow", lambda: self.go_to(name))
-        more = ("map_place_more", tr("More"), "dots-three-vertical", lambda: self._open_place_menu(name, where))
-        self._card.offer(where, self.goal_speed(), [go, more], per_row=2)
-
-    def _open_place_menu(self, name: str, where: QPointF) -> None:
-        menu = self._place_menu
-        menu.clear()
-        add_action(menu, "map_place_move", tr("Move"), partial(self._begin_moving, name))
-        add_action(menu, "map_place_remove", tr("Remove"), partial(self._remove, name))
-        menu.popup(self._view.mapToGlobal(where.toPoint()))
+        go_text = tr("Go to {place}").format(place=name)
+        choices: list[tuple[str, str, str, Callable[[], object]]] = [
+            (f"go_to_{name}", go_text, "navigation-arrow", partial(self.go_to, name)),
+            ("map_place_move", tr("Move"), "map-pin", partial(self._begin_moving, name)),
+            ("map_place_remove", tr("Remove"), "trash", partial(self._remove, name)),
+        ]
+        if self.can_navigate():
+            self._card.offer(where, self.goal_speed(), choices)
+        else:
+            self._card.offer(where, name, choices[1:], per_row=2)
 
     def goal_speed(self) -> str:
         """Speed limit on the way to a goal, shown before one is chosen."""

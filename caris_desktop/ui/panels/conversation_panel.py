@@ -555,8 +555,7 @@ class ProposalCard(Banner):
     """
 
     def __init__(self, context: PanelContext, parent: QWidget) -> None:
-        super().__init__(context.theme, "proposal_card", role="amber")
-        self.text.setProperty("role", "medium")
+        super().__init__(context.theme, "proposal_card", role="amber", text=ElidedLabel(role="medium"))
         self.setParent(parent)
         self._context = context
         self._state = context.console.state

@@ -104,6 +104,9 @@ class PeoplePanel(Panel):
     def title_widgets(self) -> list[QWidget]:
         return [button for button in (self._unfold_button, self._search_button) if button is not None]
 
+    def focus_target(self) -> QWidget:
+        return self.list.name_field if self.list.naming else self
+
     def accessible_parts(self) -> list[QWidget]:
         return list(self.list.controls.values()) if self.list.isVisible() else []
 
@@ -155,6 +158,7 @@ class PeoplePanel(Panel):
 
     def set_in_view(self, in_view: bool) -> None:
         super().set_in_view(in_view)
+        self.state.named_person.set(self.list.naming if in_view else "")
         if not in_view:
             self._undo.put_away()
             if self.card is not None:

@@ -175,6 +175,8 @@ class VideoPanel(Panel):
         self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
         self.strip.use_place(place)
         self.strip.refresh_all()
+        self._thumbnail.top_px = TITLE_HEIGHT_PX + max(0, self.covered.bottom() + 1)
+        self._thumbnail.place()
 
     def focus_target(self) -> QWidget:
         return self.view

@@ -15,14 +15,14 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtGui import QCursor, QHideEvent, QKeyEvent, QPainter, QPen, QResizeEvent
+from PySide6.QtGui import QCursor, QKeyEvent, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.focus_widget import focus_widget, focused_widget
 from caris_desktop.ui.people.portraits import AVATAR_PX, PortraitPixmaps, draw_avatar
 from caris_desktop.ui.people.shown_people import (
     SPEAKING,
@@ -201,12 +201,11 @@ class PeopleList(FastTableView):
         self.controls: dict[str, RowControls] = {}
         self.setAccessibleName(tr("People"))
         self.setModel(model)
-        self._field = SubmitLineEdit(self.viewport(), objectName="person_name_field", maxLength=60)
-        self._field.hide()
-        self._field.returnPressed.connect(self._on_name_entered)
-        # Leaving without Enter discards the name.
-        self._field.editingFinished.connect(self.give_up_naming)
-        self.setItemDelegate(PersonDelegate(theme, model, self, self._field, portraits))
+        self.name_field = SubmitLineEdit(self.viewport(), objectName="person_name_field", maxLength=60)
+        self.name_field.hide()
+        self.name_field.returnPressed.connect(self._on_name_entered)
+        self.name_field.editingFinished.connect(self._on_name_left)
+        self.setItemDelegate(PersonDelegate(theme, model, self, self.name_field, portraits))
         self.clicked.connect(lambda index: self.action_requested.emit("pick", model.persons[index.row()].person_id))
         self.doubleClicked.connect(lambda index: self.act("card", model.persons[index.row()].person_id))
         self.verticalScrollBar().valueChanged.connect(self._place_controls)
@@ -308,10 +307,6 @@ class PeopleList(FastTableView):
             self.let_go.emit()
         return super().viewportEvent(event)
 
-    def hideEvent(self, event: QHideEvent) -> None:
-        self.give_up_naming()
-        super().hideEvent(event)
-
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._not_seen_yet = self._question_id
@@ -323,7 +318,7 @@ class PeopleList(FastTableView):
     def name(self, person_id: str) -> None:
         """Edit this person's name. A name being typed for this person stays."""
         if person_id and person_id == self.naming:
-            focus_widget(self._field, Qt.FocusReason.OtherFocusReason)
+            focus_widget(self.name_field, Qt.FocusReason.OtherFocusReason)
             return
         self.give_up_naming()
         row = self._people.row_of(person_id)
@@ -334,24 +329,29 @@ class PeopleList(FastTableView):
         self.naming_changed.emit(person_id)
         self._place_controls()
         self.edit(self._people.index(row))
-        self._field.selectAll()
-        focus_widget(self._field, Qt.FocusReason.OtherFocusReason)
+        self.name_field.selectAll()
+        focus_widget(self.name_field, Qt.FocusReason.OtherFocusReason)
 
     def discard_orphaned_name(self) -> None:
         """Discard typing for a person who no longer exists: it must not reach another row or field."""
-        if self.naming and not self._people.knows(self.naming) and not self._field.isReadOnly():
-            self._field.clear()
-            self._field.setReadOnly(True)
-            self._field.setPlaceholderText(tr("Cannot be named: this person has left"))
+        if self.naming and not self._people.knows(self.naming) and not self.name_field.isReadOnly():
+            self.name_field.clear()
+            self.name_field.setReadOnly(True)
+            self.name_field.setPlaceholderText(tr("Cannot be named: this person has left"))
 
     def _on_name_entered(self) -> None:
-        name, person_id = " ".join(self._field.text().split()), self.naming
+        name, person_id = " ".join(self.name_field.text().split()), self.naming
         self.give_up_naming()
         if name and self._people.knows(person_id):
             self.named.emit(person_id, name)
 
+    def _on_name_left(self) -> None:
+        """Discard a name that is left without Enter, but not one whose panel is moved or hidden."""
+        if self.name_field.isVisible() and focused_widget() is not None:
+            self.give_up_naming()
+
     def give_up_naming(self) -> None:
-        self.closeEditor(self._field, QAbstractItemDelegate.EndEditHint.NoHint)
+        self.closeEditor(self.name_field, QAbstractItemDelegate.EndEditHint.NoHint)
 
     def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
         """Close the name field, which puts the focus on the list: never on the robot's speech field or driving."""

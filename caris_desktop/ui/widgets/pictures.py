@@ -42,7 +42,7 @@ class PhotoThumbnail(Popup):
         super().__init__(theme, over)
         self.setObjectName("photo_thumbnail")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._top_px = top_px
+        self.top_px = top_px
         self.image: QImage | None = None
         self._picture, self._line = QLabel(alignment=Qt.AlignmentFlag.AlignCenter), label("", "small")
         icon = IconLabel(theme, "check", "box_named", size_px=16)
@@ -66,5 +66,5 @@ class PhotoThumbnail(Popup):
 
     def place(self) -> None:
         self.adjustSize()
-        top = self._room.height() - self.height() - 12 if self._top_px is None else self._top_px
+        top = self._room.height() - self.height() - 12 if self.top_px is None else self.top_px
         self.move(self._room.width() - self.width() - 12, top)

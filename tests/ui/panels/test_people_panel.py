@@ -600,6 +600,32 @@ def test_a_name_being_typed_stays_when_naming_is_asked_for_again(panel: PeoplePa
     assert field.property("text") == "Eva" and field.hasFocus()
 
 
+def test_a_name_being_typed_stays_when_its_panel_moves_or_its_rows_change(
+    qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    panel.list.name("p-4")
+    field = find(panel, "person_name_field")
+    QTest.keyClicks(field, "Ev")
+    for change in (
+        lambda: window.dock_host.toggle_floating("people"),
+        lambda: many_come(console, 30),
+        lambda: window.dock_host.toggle_floating("people"),
+        lambda: many_come(console, 0),
+    ):
+        change()
+        qtbot.waitUntil(field.hasFocus)
+        assert field.property("text") == "Ev"
+    QTest.keyClicks(field, "a")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("rename_person", ("p-4", "Eva"))]
+
+
+def many_come(console: FakeConsole, number: int) -> None:
+    first = people_samples.people_of_a_tour()
+    more = [dataclasses.replace(first[0], person_id=f"new-{each}", name="") for each in range(number)]
+    people_samples.show_people(console, (*more, *first))
+
+
 def test_an_unfinished_name_is_not_saved_when_another_row_becomes_current(
     qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
 ) -> None:
