@@ -363,7 +363,7 @@ class Dock(KeyPlace):
         free_px = self.width() - self.title_bar.row.sizeHint().width() if at_left.isHidden() else 0
         lower = self.panel.covered.bottom() + 1 if self.panel.covered.right() >= free_px else 0
         self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
-        self._panel.fit()
+        self.panel.fit()
 
     def _open_menu(self) -> None:
         self._requests.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
