@@ -25,7 +25,7 @@ def _made_in(file: Path) -> Iterator[str]:
         calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
         made = [call for call in calls if _name_of(call.func) in MAKERS]
         named = [call for call in made if _literal(call)]
-        set_later = [call for call in calls if _name_of(call.func) == "setObjectName" and call.args]
+        set_later = [call for call in calls if _name_of(call.func) in {"setObjectName", "named"} and call.args]
         names = [_literal(call) for call in set_later if _literal(call).endswith("menu")]
         yield from (_literal(call) for call in named)
         yield from names

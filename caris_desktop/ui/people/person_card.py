@@ -475,7 +475,10 @@ class HistoryList(FastTableView):
         columns.setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self._theme = theme
         self._shown: Sequence[HistoryEntry] = ()
-        theme.restyle_on_change(lambda: self.show_entries(self._shown))
+        theme.restyle_on_change(self._style)
+
+    def _style(self) -> None:
+        self.show_entries(self._shown)
 
     def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
         self._shown = entries
