@@ -22,7 +22,7 @@ from caris_desktop.ui.key_choices import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme, draw_icon
-from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label, named
+from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label
 from caris_desktop.ui.widgets.rows import Index, RowDelegate
 
 RECENT = 5
@@ -129,6 +129,7 @@ class Finder:
         self._texts = [entry.text.casefold() for entry in self.order]
         self._own_texts = [f"{entry.text} {entry.kind}".casefold() for entry in self.order]
         self._words = [f"{entry.text} {entry.kind} {entry.also}".casefold() for entry in self.order]
+        self._vocabulary: _Vocabulary | None = None
 
     def matching(self, query: str) -> list[PaletteItem]:
         """Items that contain all words of the query, prefix matches first, otherwise in the index order.
@@ -168,10 +169,10 @@ class Finder:
     def _alike(self, query_words: Sequence[str], exact: set[int]) -> list[int]:
         if not any(len(word) >= _LONG_ENOUGH_TO_GUESS for word in query_words):
             return []
-        guessable = (place for place, entry in enumerate(self.order) if not (entry.acts or entry.deliberate))
-        texts = {place: self._words[place] for place in guessable}
-        known_words = set().union(*map(str.split, texts.values()))
-        each = [_distances(word, texts, known_words) for word in query_words]
+        if self._vocabulary is None:
+            guessable = [place for place, entry in enumerate(self.order) if not (entry.acts or entry.deliberate)]
+            self._vocabulary = _Vocabulary({place: self._words[place] for place in guessable})
+        each = [self._vocabulary.distances(word) for word in query_words]
         everywhere = set(each[0]).intersection(*each[1:]) - exact
         far = sorted((sum(distances[place] for distances in each), place) for place in everywhere)
         return [place for _far, place in far]
@@ -236,16 +237,23 @@ def _words_of(text: str) -> list[str]:
     return [word for word in re.split(r"[\W_]+", text.casefold()) if word]
 
 
-def _distances(word: str, texts: dict[int, str], known_words: set[str]) -> dict[int, float]:
-    """Distance per item: 0 for an exact match, up to 10 for a similar word."""
-    near: dict[int, float] = {place: 0.0 for place, text in texts.items() if word in text}
-    if len(word) < _LONG_ENOUGH_TO_GUESS:
+class _Vocabulary:
+    """Words of the items that fuzzy matching may find."""
+
+    def __init__(self, texts: dict[int, str]) -> None:
+        self._texts = texts
+        self._known = set().union(*map(str.split, texts.values()))
+
+    def distances(self, word: str) -> dict[int, float]:
+        """Distance per item: 0 for an exact match, up to 10 for a similar word."""
+        near: dict[int, float] = {place: 0.0 for place, text in self._texts.items() if word in text}
+        if len(word) < _LONG_ENOUGH_TO_GUESS:
+            return near
+        for known, ratio in _like(word, self._known):
+            for place, text in self._texts.items():
+                if known in text:
+                    near[place] = min(near.get(place, 10.0), 1.0 + 9.0 * (1.0 - ratio))
         return near
-    for known, ratio in _like(word, known_words):
-        for place, text in texts.items():
-            if known in text:
-                near[place] = min(near.get(place, 10.0), 1.0 + 9.0 * (1.0 - ratio))
-    return near
 
 
 def _like(word: str, known_words: set[str]) -> list[tuple[str, float]]:
@@ -308,7 +316,8 @@ class CommandPalette(Overlay):
         self._finder = Finder(())
         self._new: Callable[[str], PaletteItem] | None = None
         self._by_digit: Sequence[PaletteItem] = ()
-        self.field = named(_PaletteField(self), "palette_field")
+        self.field = _PaletteField(self)
+        self.field.setObjectName("palette_field")
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _ItemList(theme, self)
