@@ -16,6 +16,7 @@ from caris_desktop.ui.dock_layout import (
     front_of,
     groups_in,
     path_of,
+    place_next_to,
     shares,
     split_at,
     tidy,
@@ -253,9 +254,9 @@ LARGE_FROM: Room = (2300, 1100)
 
 COMFORT: Mapping[PanelName, Room] = {
     "video": (420, 300),
-    "speak": (400, 232),
+    "speak": (400, 214),
     "conversation": (380, 240),
-    "map": (300, 250),
+    "map": (304, 250),
     "drive": (290, 230),
     "people": (300, 190),
     "assistant": (320, 250),
@@ -278,6 +279,7 @@ ALWAYS_SEEN = 3  # this many of the most important panels are never folded; they
 _OTHER_ROOM: Room = (280, 200)
 _LEAST_PICTURE: Room = (200, 150)
 _DIRECTIONS: tuple[Literal["horizontal", "vertical"], ...] = ("horizontal", "vertical")
+_STACKED = 0.75  # of the comfortable height of panels: with less, they are not put one below the other
 _ENOUGH = 0.85  # of the possible height of a picture: with less, what lies beside it becomes a tab
 
 
@@ -316,8 +318,12 @@ def _picture_room(tree: LayoutNode, width: int, height: int) -> tuple[list[int |
 
 
 def _without_bars(tree: LayoutNode, width: int, height: int, aspect: float) -> LayoutNode:
-    """The tree with the panel of the picture as large as the picture in it; its neighbours share the rest as before."""
+    """The tree with the panel of the picture as large as the picture in it; its neighbours share the rest as before. A
+    picture much wider than its room gets as much as the others permit.
+    """
     depths, totals, (across_px, down_px) = _picture_room(tree, width, height)
+    if across_px < _ENOUGH * down_px * aspect:
+        return _around_picture(tree, width, height, aspect)
     axis, length = (1, across_px / aspect) if across_px < down_px * aspect else (0, down_px * aspect)
     depth, path = depths[axis], path_of(tree, "video")
     if depth is None or "video" not in map(front_of, groups_in(tree)):
@@ -329,7 +335,8 @@ def _without_bars(tree: LayoutNode, width: int, height: int, aspect: float) -> L
     return with_weights(tree, path[:depth], weights)
 
 
-def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) -> LayoutNode:
+def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float, *, moved: bool = False) -> LayoutNode:
+    """The tree with the picture as large as the others permit; ``moved``: some of them moved beside it."""
     path = path_of(tree, "video")
     splits = [split_at(tree, path[:depth]) for depth in range(len(path))]
     (across, down), totals, now = _picture_room(tree, width, height)
@@ -341,8 +348,21 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
     most_height = (totals[1] if around else now[1]) - sum(_need(child, 1) for child, _share in around) - tab_bar
     in_row = down is None or across > down  # something lies beside the picture in the same column
     most_width = totals[0] - sum(_need(child, 0) for child, _share in beside) if in_row else now[0]
-    if down is None:  # the others need not get more than they have
+    if down is None and not moved:  # the others need not get more than they have
         most_width = max(most_width, now[0])
+    in_column = 0 if in_row else max(_need(child, 0) for child, _share in around)
+    if beside and not in_row and aspect * most_height < min(in_column, now[0]):
+        # What lies above or below needs more width than the picture: it moves beside it, if that is high enough.
+        stacked = sum(_need(child, 1) for child, _share in around)
+        stacked += max(_need(child, 1) for child, _share in beside)
+        if height >= _STACKED * stacked:
+            host = min((front_of(group) for child, _share in beside for group in groups_in(child)), key=_importance)
+            for panel in [panel for child, _share in around for panel in panels_in(child)]:
+                tree = place_next_to(without(tree, {panel}) or tree, host, panel, "below")
+                at = path_of(tree, panel)[:-1]
+                heights = (float(_need(child, 1)) for child in split_at(tree, at).children)
+                tree = with_weights(tree, at, tuple(heights))
+            return _around_picture(tree, width, height, aspect, moved=True)
     if most_height + tab_bar < _LEAST_PICTURE[1] or most_width < _LEAST_PICTURE[0]:
         if not in_row or down is None:
             return tree
@@ -355,7 +375,6 @@ def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) ->
             for panel in folded:
                 rest = _with_tabs(rest, PanelLeaf(panel))
             return _around_picture(tidy(rest), width, height, aspect)
-    in_column = 0 if in_row else max(_need(child, 0) for child, _share in around)
     lengths_at = {across: max(aspect * picture_height, min(in_column, now[0])), down: picture_height + tab_bar}
     for depth, length in lengths_at.items():
         if depth is None:

@@ -101,6 +101,21 @@ def controls(window: QWidget) -> list[str]:
     return found
 
 
+@pytest.mark.parametrize("size", [(960, 540), pytest.param((1280, 720), marks=pytest.mark.long), (1707, 960)])
+@pytest.mark.parametrize(("width_px", "height_px", "least"), [(640, 480, 0.20), (1280, 720, 0.28)])
+def test_the_picture_of_a_tour_is_large_on_a_scaled_screen(
+    opened: Open, width_px: int, height_px: int, least: float, size: tuple[int, int]
+) -> None:
+    window, console = opened("tour-guide")
+    window.resize(*size)
+    QApplication.processEvents()
+    show_picture(console, width_px, height_px)
+    assert share_of_window(window) >= least
+    video = window.panels["video"]
+    assert isinstance(video, VideoPanel) and video.view.width() - video.view.picture_rect().width() <= 4
+    assert window.panels["speak"].isVisible() and window.panels["conversation"].isVisible()
+
+
 @pytest.mark.parametrize(("width_px", "height_px", "least"), [(640, 480, 0.20), (1280, 720, 0.28)])
 def test_the_picture_of_a_tour_is_large_and_has_no_bars_beside_it(
     opened: Open, width_px: int, height_px: int, least: float

@@ -239,6 +239,15 @@ def test_names_of_people_and_places_never_lie_on_one_another(
         assert not labels[one].intersects(labels[other]), (one, other)
 
 
+def test_the_name_of_a_person_covers_no_place(panel: MapPanel, console: FakeConsole) -> None:
+    panel.view.resize(900, 700)
+    console.state.places.set((Place("Door", Pose2D(3.0, 2.0, 0.0)),))
+    console.state.add(PeopleInMap(clock.now_ns(), (PersonPlace("p1", 2.6, 2.0, 0.2, "lidar"),)))
+    panel.view.grab()
+    (name,) = (rect for text, rect in panel.view.map_items.labels().items() if text != "Door")
+    assert not name.contains(panel.view.to_view(3.0, 2.0))
+
+
 def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:
     """Scan of a bag with neither the robot's pose nor the position of its laser."""
     view = panel.view

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -613,8 +614,11 @@ class MapItems:
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
         points = [self.to_view(person.x_m, person.y_m) for person, _, _ in state.people]
         taken, labels = [*self._robot_rect(), *(_around(point, 7) for point in points)], []
+        places = () if "places" in state.hidden else [place.pose_in_map for place in state.places]
+        flags = [_around(self.to_view(place.x_m, place.y_m), _MARK_PX) for place in places]
         for (_person, name, _named), at in zip(state.people, points, strict=True):
-            label = self._free_room(at, metrics.horizontalAdvance(name) + 10, taken, _BESIDE_A_PERSON)
+            find = partial(self._free_room, at, metrics.horizontalAdvance(name) + 10, sides=_BESIDE_A_PERSON)
+            label = find(taken=[*taken, *flags]) or find(taken=taken)
             labels.append(label)
             taken += [label] if label is not None else []
         return list(zip(points, labels, strict=True))
@@ -759,7 +763,7 @@ class MapItems:
         for (text, role, top), chip in zip(lines, _pool(self._chips, len(lines), self._over), strict=True):
             color_role, icon_name = _CHIP_ROLES.get(role, ("text", ""))
             extra = 38.0 if icon_name else 20.0
-            room = max(40.0, width - 24 - extra)
+            room = max(40.0, width - 8 - extra)
             parts = text.split(" · ") if text == state.hint and metrics.horizontalAdvance(text) > room else [text]
             parts = [metrics.elidedText(part, Qt.TextElideMode.ElideRight, room) for part in parts]
             chip_width = max(map(metrics.horizontalAdvance, parts)) + extra

@@ -236,6 +236,7 @@ class ConversationPanel(Panel):
         self._match = -1
         self.view = TranscriptView(self.theme, may_change=self.state.present.live, empty=tr(_EMPTY))
         self.view.setObjectName("transcript")
+        self.view.setMinimumHeight(1)  # a low panel is for what can be said next
         self._photo = PhotoThumbnail(self.theme, self.view)
         self.view.picked.connect(self._on_picked)
         self.view.action_requested.connect(self._on_action_requested)

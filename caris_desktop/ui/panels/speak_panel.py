@@ -266,9 +266,9 @@ _SIZES = (
     _Size(32, tokens.BODY_PX, 6, 3),
     _Size(32, tokens.BODY_PX, 6, 3, low=True),
     _Size(32, tokens.BODY_PX, 6, 1, low=True),
-    _Size(28, tokens.BODY_PX - 1, 5, 1, low=True, tight=True),
+    _Size(26, tokens.BODY_PX - 1, 4, 1, low=True, tight=True),
 )
-_ROOMY_PX, _TIGHT_PX = 60, 24
+_ROOMY_PX, _TIGHT_PX = 60, 18
 """Space for margins, gaps and hints."""
 _IN_FIELD = (("↑", QT_TR_NOOP("earlier lines")), ("Tab", QT_TR_NOOP("complete")))
 _IN_QUEUE = (
@@ -389,8 +389,8 @@ class SpeakPanel(Panel):
         for size in _SIZES:
             self._phrases.set_size(chip_px=size.chip_px, text_px=size.text_px, gap_px=size.gap_px, low=size.low)
             self.field.set_line_height(40 if size.tight else 48)
-            self._column.setContentsMargins(14, 7 if size.tight else 10, 14, 4 if size.tight else 6)
-            self._column.setSpacing(6 if size.tight else 8)
+            self._column.setContentsMargins(14, 6 if size.tight else 10, 14, 2 if size.tight else 6)
+            self._column.setSpacing(5 if size.tight else 8)
             self._hints.setVisible(not size.tight and self._hints.sizeHint().width() <= self.width() - 28)
             queue_px = ROW_PX * min(self._queue.count, size.queue_rows)
             rest_px = self.field.height() + queue_px + (_TIGHT_PX if size.tight else _ROOMY_PX)
