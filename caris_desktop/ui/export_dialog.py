@@ -158,7 +158,8 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             box.toggled.connect(self._show_state)
             column.addLayout(layouts.vbox(None, box, _Description(tr(fmt.description), box), spacing_px=0))
             if fmt.name == "csv":
-                layouts.fill(column, self._plain_csv, self._csv_bom)
+                options = layouts.vbox(None, self._plain_csv, self._csv_bom, margins_px=(TEXT_LEFT_PX, 0, 0, 0))
+                column.addLayout(options)
         column.addStretch(1)
         area = list_area(rows, least_px=_LEAST_FORMATS_PX)
         area.setObjectName("export_formats")

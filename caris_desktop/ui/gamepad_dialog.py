@@ -289,6 +289,7 @@ class GamepadView(QWidget):
         self._raw = sample.raw if device is not None else RawInputs()
         self._dead_zone = dead_zone
         self._names = part_names(device.controller if device is not None else None)
+        self.setVisible(device is not None)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -296,10 +297,6 @@ class GamepadView(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setFont(theme.font(tokens.STATUS_PX))
-        if not self._raw.axes and not self._raw.buttons:
-            painter.setPen(theme.color("dim"))
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("Nothing to show"))
-            return
         self._paint_axes(painter, QRectF(14, 10, self.width() * 0.56 - 14, self.height() - 20))
         left = self.width() * 0.56 + 14
         self._paint_buttons(painter, QRectF(left, 10, self.width() - left - 14, self.height() - 20))

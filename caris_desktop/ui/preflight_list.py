@@ -20,7 +20,7 @@ from caris_desktop.ui.event_messages import (
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
-from caris_desktop.ui.widgets.inputs import CheckBox
+from caris_desktop.ui.widgets.inputs import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.labels import IconLabel, label, named, restyle
 
 _ICON_PX = 20
@@ -76,11 +76,11 @@ class PreflightList(QScrollArea):
         self._update_rows()
         return self._rows
 
-    def height_px(self) -> int:
-        """Height with all rows."""
+    def height_px(self, width_px: int) -> int:
+        """Height with all rows at this width."""
         self._update_rows()
         inner = self._inner
-        return inner.heightForWidth(self.width()) if inner.hasHeightForWidth() else inner.sizeHint().height()
+        return inner.heightForWidth(width_px) if inner.hasHeightForWidth() else inner.sizeHint().height()
 
     def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
         if {check.id for check in checks} != set(self._rows):
@@ -123,8 +123,11 @@ class PreflightRow(QWidget):
             )
             title.hide()
             words.insertWidget(0, self.box)
+            for text in (self._detail, self._advice):
+                text.setContentsMargins(TEXT_LEFT_PX, 0, 0, 0)
         row = layouts.hbox(self, margins_px=(0, 5, 0, 5), spacing_px=10)
         row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
+        self._mark.setVisible(not check.manual)  # its box says so
         row.addLayout(words, 1)
         self.try_button: ActionButton | None = None
         if check.id == "microphone" and console.scenario.permissions.audio_recording:
@@ -189,7 +192,7 @@ class PreflightCard(Overlay):
 
     def card_height_px(self) -> int:
         words_px = min(_WIDTH_PX, self.width() - 32) - _SIDES_PX
-        return self.list.height_px() + _CHROME_PX + self._summary.heightForWidth(words_px)
+        return self.list.height_px(words_px) + _CHROME_PX + self._summary.heightForWidth(words_px)
 
     def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
         live = self._console.state.present.live

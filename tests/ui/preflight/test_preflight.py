@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.actor import WIZARD
@@ -98,6 +98,19 @@ def test_each_check_says_how_it_stands_and_what_to_do(card: PreflightCard) -> No
     assert texts(card.list.rows["emergency_stop"]) == [STOPPED.title, "It is pressed.", "Release it.", "Major"]
     assert texts(card.list.rows["robot"]) == [ROBOT.title, "Passed"]
     assert card.list.rows["emergency_stop"].accessibleName() == "Emergency stop is released: Major"
+
+
+def test_the_card_is_as_high_as_its_rows(qtbot: QtBot, card: PreflightCard, window: QWidget) -> None:
+    last = list(card.list.rows.values())[-1]
+    card.close_overlay()
+    window.resize(240, 768)
+    card.open()
+    QApplication.processEvents()
+    card.close_overlay()
+    window.resize(1366, 768)
+    card.open()
+    qtbot.waitUntil(last.isVisible)
+    assert 0 <= card.card.height() - last.mapTo(card.card, last.rect().bottomLeft()).y() < 48 < window.height() / 2
 
 
 def test_a_reason_that_a_status_gives_reads_as_a_sentence() -> None:
