@@ -266,6 +266,7 @@ _SIZES = (
     _Size(32, tokens.BODY_PX, 6, 3),
     _Size(32, tokens.BODY_PX, 6, 3, low=True),
     _Size(32, tokens.BODY_PX, 6, 1, low=True),
+    _Size(28, tokens.BODY_PX - 1, 5, 1, low=True, tight=True),
     _Size(26, tokens.BODY_PX - 1, 4, 1, low=True, tight=True),
 )
 _ROOMY_PX, _TIGHT_PX = 60, 18
