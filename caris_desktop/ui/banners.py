@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import shiboken6
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QAccessible, QShowEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -144,10 +144,8 @@ class QuestionBanner(Banner):
 
 class NoticeStrip(Bar, QWidget):
     """Visible banners, one below the other: over the upper edge of the picture, or above the panels where the picture
-    is too small or not in view. They cover no title, field or button. ``placed``: they came, changed or went.
+    is too small or not in view. They cover no title, field or button.
     """
-
-    placed = Signal()
 
     def __init__(self, over: DockArea, *bands: Banner) -> None:
         super().__init__(over)
@@ -184,16 +182,13 @@ class NoticeStrip(Bar, QWidget):
         self.setGeometry(place)
         self.setVisible(bool(needed_px))
         self.raise_()
-        self.placed.emit()
+        for dock in self._over.docks.values():
+            on_dock = on_picture and bool(needed_px) and dock.parentWidget() is self._over
+            dock.leave_clear(place if on_dock else QRect())
 
     def _place_in(self, room: QRect, needed_px: int) -> QRect:
         width = max(0, min(needed_px, room.width() - 2 * _EDGE_PX))
         return QRect(room.left() + _EDGE_PX, room.top() + _EDGE_PX, width, self._column.heightForWidth(width))
-
-    @property
-    def covered(self) -> QRect:
-        """What is covered of the panels."""
-        return QRect() if self.isHidden() else self.geometry()
 
 
 _FIELD_PX = 120

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QSplitter, QWidget
 
@@ -136,7 +136,6 @@ class MainWindow(PanelWindow, QWidget):
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.status_bar.picture_seen = self._picture_seen
         self.dock_host.layout_changed.connect(self.status_bar.refresh)
-        self._strip.placed.connect(self._leave_banners_clear)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.preferences = Preferences(console, self.wizards, self.board, self)
         self.help = HelpWindows(self.theme, self)
@@ -234,10 +233,6 @@ class MainWindow(PanelWindow, QWidget):
         state.scenario.changed.connect(self._on_scenario_changed)
         self._palette_latched = state.drive.value.emergency_stop
         state.drive.changed.connect(self._on_drive_changed)
-
-    def _leave_banners_clear(self) -> None:
-        for dock in self.dock_host.docks.values():
-            dock.leave_clear(self._strip.covered if dock.parentWidget() is self.dock_host else QRect())
 
     def _picture_seen(self) -> bool:
         video = self.board.made_so_far.get("video")

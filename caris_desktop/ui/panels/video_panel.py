@@ -89,8 +89,7 @@ class VideoPanel(Panel):
         self._frame_times_s: list[float] = []
         self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
-        # Below the photo button, away from the hints on driving at the lower edge.
-        self._thumbnail = PhotoThumbnail(self.theme, self.view, top_px=TITLE_HEIGHT_PX)
+        self._thumbnail = PhotoThumbnail(self.theme, self.view)
         self._ended = ("", 0.0)
         self._note = ("", 0.0)
         self._target: Pose2D | None = None  # in the map frame, while the popup asks about it
@@ -175,6 +174,7 @@ class VideoPanel(Panel):
         self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
         self.strip.use_place(place)
         self.strip.refresh_all()
+        # Below the photo button, away from the hints on driving at the lower edge.
         self._thumbnail.top_px = TITLE_HEIGHT_PX + max(0, self.covered.bottom() + 1)
         self._thumbnail.place()
 

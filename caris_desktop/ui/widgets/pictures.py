@@ -38,11 +38,11 @@ class PhotoThumbnail(Popup):
 
     accessible_role = QAccessible.Role.Graphic
 
-    def __init__(self, theme: Theme, over: QWidget, *, top_px: int | None = None) -> None:
+    def __init__(self, theme: Theme, over: QWidget) -> None:
         super().__init__(theme, over)
         self.setObjectName("photo_thumbnail")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.top_px = top_px
+        self.top_px: int | None = None
         self.image: QImage | None = None
         self._picture, self._line = QLabel(alignment=Qt.AlignmentFlag.AlignCenter), label("", "small")
         icon = IconLabel(theme, "check", "box_named", size_px=16)
