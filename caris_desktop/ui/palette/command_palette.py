@@ -38,6 +38,8 @@ _LONG_ENOUGH_TO_RUN_A_GUESS = 5
 _LEAST_OF_A_NAME = 3
 _ENOUGH = 30
 """Fuzzy matches are skipped if there are this many exact ones."""
+_LONGEST_QUERY = 200
+"""Characters. Each key searches for every word, so a pasted paragraph would stall the window."""
 
 
 class PaletteItem(Value):
@@ -319,6 +321,7 @@ class CommandPalette(Overlay):
         self.field = _PaletteField(self)
         self.field.setObjectName("palette_field")
         self.field.setMinimumHeight(46)
+        self.field.setMaxLength(_LONGEST_QUERY)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _ItemList(theme, self)
         self._nothing = label(tr("No matching entries."), alignment=Qt.AlignmentFlag.AlignCenter, enabled=False)

@@ -140,3 +140,15 @@ def test_typing_into_it_with_five_thousand_stalls_nothing(qtbot: QtBot, theme: T
     print(f"\nopening {opening:.1f}, keystroke {keystroke:.1f} yardsticks")
     assert opening < 25
     assert keystroke < 15
+
+
+def test_a_pasted_text_is_searched_by_its_first_words_alone(qtbot: QtBot, theme: Theme) -> None:
+    """Five hundred words that are similar to known ones stalled the window for seconds on each key."""
+    window = QWidget()
+    qtbot.addWidget(window)
+    palette = CommandPalette(theme, window, PaletteMemory(WizardProfiles(None)))
+    palette.open_with([entry("Map of the kitchen")])
+    palette.field.setText("kichen " * 5000)
+    assert len(palette.field.text()) == 200
+    palette.field.setText("kichen")
+    assert palette.list.model().rowCount() == 1
