@@ -80,8 +80,7 @@ def test_a_street_is_followed_better_than_by_the_library(
     assert status == 0, told
     report: dict[str, Any] = json.loads(printed)
     assert report["frames"] == 71
-    assert report["fps"] == pytest.approx(report["frames"] / report["seconds"], rel=0.01)
-    assert "100%" in told
+    assert report["fps"] == pytest.approx(report["frames"] / report["seconds"], abs=0.06)  # one decimal
     rows = np.loadtxt(result, delimiter=",")
     assert rows.shape[1] == 10
     assert (np.diff(rows[:, 0]) >= 0).all()
