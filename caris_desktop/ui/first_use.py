@@ -214,7 +214,6 @@ class StepDots(QWidget):
         self._theme = theme
         self._steps: tuple[PracticeStepStatus, ...] = ()
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        theme.changed.connect(self.update)
 
     def show_steps(self, steps: tuple[PracticeStepStatus, ...]) -> None:
         self._steps = steps

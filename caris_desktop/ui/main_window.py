@@ -228,7 +228,6 @@ class MainWindow(PanelWindow, QWidget):
         self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)
         self._emergency_copy.pressed.connect(lambda: self._console.do(intents.EmergencyStop()))
-        self.theme.changed.connect(self.update)
         state.event_happened.connect(self._on_event)
         state.scenario.changed.connect(self._on_scenario_changed)
         self._palette_latched = state.drive.value.emergency_stop

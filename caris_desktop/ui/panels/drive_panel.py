@@ -80,7 +80,6 @@ class Joystick(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, release to stop") if use == "base" else tr("Drag to turn the head"))
-        theme.changed.connect(self.update)
         self._description = ThrottledAccessibleDescription(self, self.command_text)
 
     def command_text(self) -> str:
@@ -634,7 +633,6 @@ class HoldArrow(QWidget):
         self.setAccessibleName(tr(_NAMES[action_id]))
         self.setToolTip(tr("{direction}: hold").format(direction=tr(_NAMES[action_id])))
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
         actions.keys_changed.connect(self.update)
         hold.motion.held_changed.connect(self._on_held_changed)
 

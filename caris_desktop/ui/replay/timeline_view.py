@@ -118,7 +118,6 @@ class TimelineView(QWidget):
         replay.overview.changed.connect(self._on_overview_changed)
         replay.coding.changed.connect(self._on_coding_changed)
         replay.playback.changed.connect(self._on_playback_changed)
-        theme.changed.connect(self.update)
         self._show_session()
         self._on_overview_changed(replay.overview.value)
         self._on_playback_changed(replay.playback.value)

@@ -78,7 +78,6 @@ class ActionButton(QAbstractButton):
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
 
     @property
     def may_shrink(self) -> bool:
@@ -354,7 +353,6 @@ class StatusButton(QAbstractButton):
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.setToolTip(tip)
-        theme.changed.connect(self.update)
 
     def show_words(self, text: str, icon: str, role: str, *, spoken: str) -> None:
         """Set the text; ``spoken``: its accessible name."""
