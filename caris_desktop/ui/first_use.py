@@ -268,9 +268,8 @@ class PracticeStrip(Bar, QWidget):
         words = layouts.vbox(None, self._title, self._how, spacing_px=1)
         parts = self._dots, self._skip, self._again, self._end
         layouts.hbox(self, (words, 1), *parts, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
-        console.state.practice.changed.connect(self._show)
         actions.keys_changed.connect(self._on_keys_changed)
-        self._show(console.state.practice.value)
+        console.state.practice.follow(self._show)
 
     def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
         return ActionButton(self._theme, text, height_px=_BUTTON_PX, objectName=f"practice_{name}", clicked=run)

@@ -182,8 +182,7 @@ class PreflightCard(Overlay):
         head = layouts.hbox(None, heading, 1, self.close_button("preflight_close"))
         self.list = PreflightList(theme, console)
         layouts.vbox(self.card, head, self._summary, (self.list, 1), margins_px=(20, 14, 12, 16), spacing_px=6)
-        console.state.preflight.changed.connect(self._show)
-        self._show(console.state.preflight.value)
+        console.state.preflight.follow(self._show)
 
     def open(self) -> None:
         super().open()

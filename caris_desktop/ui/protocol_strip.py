@@ -287,8 +287,7 @@ class ProtocolStrip(Bar, QWidget):
     def show_replay(self, overview: LiveValue) -> None:
         """Show a replay, without controls. ``overview`` as in ReplayConsole."""
         self._replay = True
-        overview.changed.connect(self._on_overview)
-        self._on_overview(overview.value)
+        overview.follow(self._on_overview)
 
     def _on_overview(self, overview: "SessionOverview | None") -> None:
         steps = () if overview is None else overview.steps

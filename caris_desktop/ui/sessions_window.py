@@ -240,9 +240,8 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._replay_button = self._button("sessions_replay", tr("Replay"), "play", self._replay, role="primary")
         self._replay_button.set_key("Enter")
         self._lay_out()
-        library.found.changed.connect(self._on_found)
         theme.changed.connect(self.table.viewport().update)
-        self._on_found(library.found.value)
+        library.found.follow(self._on_found)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 
     def sizeHint(self) -> QSize:

@@ -67,8 +67,7 @@ class StepPage(QWidget):
         self.column = layouts.vbox(self, title, about, margins_px=0, spacing_px=10)
         self.build()
         self.column.addStretch(1)
-        console.state.preflight.changed.connect(self._show_checks)
-        self._show_checks(console.state.preflight.value)
+        console.state.preflight.follow(self._show_checks)
 
     @classmethod
     def of(cls, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
@@ -218,13 +217,11 @@ class SoundPage(StepPage):
             return
         self._microphones = QWidget()
         self.add_choice(tr("Microphone"), self._make_microphones(), holder=self._microphones)
-        console.state.robot.changed.connect(self._show_microphone_owner)
-        self._show_microphone_owner(console.state.robot.value)
+        console.state.robot.follow(self._show_microphone_owner)
         self._level = named(QProgressBar(textVisible=False), "first_use_level", tr("Microphone level"))
         self._level.setMaximumWidth(_PICTURE_PX.width())
         self.column.addWidget(self._level)
-        console.state.microphone.changed.connect(self._show_level)
-        self._show_level(console.state.microphone.value)
+        console.state.microphone.follow(self._show_level)
 
     def _make_microphones(self) -> DropDown:
         choice = DropDown(self.theme, "first_use_microphone", tr("Microphone"))
@@ -267,9 +264,8 @@ class ModelPage(StepPage):
         self._answer = label("", objectName="first_use_answer")
         self.column.addWidget(self._answer)
         self._asked = False
-        state.assistant_setup.changed.connect(self._show_models)
         state.assistant.changed.connect(self._show_answer)
-        self._show_models(state.assistant_setup.value)
+        state.assistant_setup.follow(self._show_models)
 
     def _show_models(self, setup: AssistantSetup) -> None:
         self._models.clear()

@@ -197,8 +197,7 @@ class StartDialog(FormDialog):
         self._summary = label("", "note", wraps=True, objectName="start_summary")
         heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, self._console)
         layouts.vbox(side, heading, self._summary, (checks, 1), margins_px=0, spacing_px=8)
-        self._checks.changed.connect(self._show_checks)
-        self._show_checks(self._checks.value)
+        self._checks.follow(self._show_checks)
         return side
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:

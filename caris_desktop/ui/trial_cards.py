@@ -89,10 +89,9 @@ class ResumeTrialCard(DockCard):
         layouts.fill(self.column, *self._boxes.values())
         self.column.addSpacing(4)
         self.column.addLayout(layouts.hbox(None, self._no, 1, self._start, self._yes, spacing_px=tokens.GRID_PX))
-        console.state.going_on.changed.connect(self._show)
         for value in (console.state.scenario, console.state.levels, console.state.microphone):
             value.changed.connect(self._show_permissions)
-        self._show(console.state.going_on.value)
+        console.state.going_on.follow(self._show)
 
     def _button(
         self, name: str, text: str, run: Callable[[], object], role: ButtonRole, icon: str = ""

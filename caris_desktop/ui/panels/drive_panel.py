@@ -328,9 +328,8 @@ class DrivePanel(Panel):
             self._show_now, self.state.drive.changed, self.state.goal.changed, self.hold.motion.held_changed,
             self.hold.key_owner_changed, self.table.keys_changed,
         )  # fmt: skip
-        self.state.robot.changed.connect(self._on_robot_changed)
         self.watch(self._on_head_changed, self.state.look.changed)
-        self._on_robot_changed(self.state.robot.value)
+        self.state.robot.follow(self._on_robot_changed)
 
     def title_widgets(self) -> list[QWidget]:
         return [self._other, self._stop]

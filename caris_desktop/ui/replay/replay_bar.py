@@ -99,10 +99,8 @@ class ReplayBar(QWidget):
         self._row = layouts.hbox(None, self._left, middle, self._right, margins_px=(8, 0, 8, 0))
         self._column = layouts.vbox(self, self._row, spacing_px=0)
         self._arrange()
-        replay.playback.changed.connect(self._on_playback_changed)
-        replay.overview.changed.connect(self._on_overview_changed)
-        self._on_playback_changed(replay.playback.value)
-        self._on_overview_changed(replay.overview.value)
+        replay.playback.follow(self._on_playback_changed)
+        replay.overview.follow(self._on_overview_changed)
 
     def set_one_line(self, one_line: bool) -> None:
         """Use a single line with keys in tooltips; in a small window the video needs the space."""

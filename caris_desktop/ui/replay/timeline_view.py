@@ -115,12 +115,10 @@ class TimelineView(QWidget):
         layouts.vbox(self, self._make_header(), (middle, 1), self.strip, margins_px=(0, 0, 0, 1), spacing_px=0)
         self.canvas.selection_changed.connect(self._on_selection_changed)
         self.canvas.view_changed.connect(self._on_view_changed)
-        replay.overview.changed.connect(self._on_overview_changed)
         replay.coding.changed.connect(self._on_coding_changed)
-        replay.playback.changed.connect(self._on_playback_changed)
         self._show_session()
-        self._on_overview_changed(replay.overview.value)
-        self._on_playback_changed(replay.playback.value)
+        replay.overview.follow(self._on_overview_changed)
+        replay.playback.follow(self._on_playback_changed)
         self.setFocusProxy(self.canvas)
 
     def _make_header(self) -> QWidget:
