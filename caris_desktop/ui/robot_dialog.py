@@ -285,21 +285,15 @@ class RobotDialog(FormDialog):
                 )
             )
         )
-        self.start_from.clear()
-        self.start_from.addItem(tr("Detected mapping"), "")
-        for like in found.resembles:
-            resembles = tr("Profile of {robot} ({share:.0%} of its names found)")
-            self.start_from.addItem(resembles.format(robot=like.title, share=like.share), like.name)
-        has_likes = bool(found.resembles)
-        self._start_label.setVisible(has_likes)
-        self.start_from.setVisible(has_likes)
-        self.namespace.clear()
-        for namespace in found.proposal.namespaces:
-            self.namespace.addItem(namespace or tr("no namespace"), namespace)
-        self.namespace.setCurrentIndex(max(0, self.namespace.findData(found.proposal.namespace)))
-        several = len(found.proposal.namespaces) > 1
-        self._namespace_label.setVisible(several)
-        self.namespace.setVisible(several)
+        resembles = tr("Profile of {robot} ({share:.0%} of its names found)")
+        likes = [(resembles.format(robot=like.title, share=like.share), like.name) for like in found.resembles]
+        self.start_from.fill([(tr("Detected mapping"), ""), *likes], "")
+        namespaces = [(name or tr("no namespace"), name) for name in found.proposal.namespaces]
+        self.namespace.fill(namespaces, found.proposal.namespace)
+        for part in (self._start_label, self.start_from):
+            part.setVisible(bool(likes))
+        for part in (self._namespace_label, self.namespace):
+            part.setVisible(len(namespaces) > 1)
         self._fill_offer()
         self._show_proposal(found.proposal)
         self._note.show_note("green", "check-circle", tr("The robot responds. Review the mapping, then check it live."))

@@ -160,10 +160,8 @@ class CameraPage(StepPage):
 
     def _show_cameras(self, _changed: object = None) -> None:
         names = self.console.state.cameras.value
-        self._camera.clear()
-        for name in names:
-            self._camera.addItem(text_formatting.camera_title(name), name)
-        self._camera.setCurrentIndex(max(0, self._camera.findData(self.console.state.camera.value)))
+        cameras = [(text_formatting.camera_title(name), name) for name in names]
+        self._camera.fill(cameras, self.console.state.camera.value)
         self._camera.setVisible(len(names) > 1)
 
 
@@ -237,11 +235,9 @@ class SoundPage(StepPage):
         self._microphones.setVisible(participant_microphone(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
-        self._output.clear()
-        for number, choice in enumerate(voice_choices(self.console.state.voice.value)[0]):
-            self._output.addItem(choice.text, choice.intent)
-            if choice.chosen:
-                self._output.setCurrentIndex(number)
+        outputs = voice_choices(self.console.state.voice.value)[0]
+        chosen = next((choice.intent for choice in outputs if choice.chosen), None)
+        self._output.fill([(choice.text, choice.intent) for choice in outputs], chosen)
 
     def _show_level(self, microphone: MicrophoneStatus) -> None:
         # Square root for perceived loudness: quiet speech must show.
@@ -268,10 +264,7 @@ class ModelPage(StepPage):
         state.assistant_setup.follow(self._show_models)
 
     def _show_models(self, setup: AssistantSetup) -> None:
-        self._models.clear()
-        for choice in setup.models:
-            self._models.addItem(f"{choice.title} · {choice.where}" if choice.where else choice.title, choice.model)
-        self._models.setCurrentIndex(max(0, self._models.findData(setup.model)))
+        self._models.fill(text_formatting.models_offered(setup.models), setup.model)
         self._models.setVisible(bool(setup.models))
 
     def _on_ask(self) -> None:

@@ -603,10 +603,7 @@ class SetupBar(FlowRow):
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
         self._setup = setup
-        models = [
-            (each.title if each.title.endswith(each.where) else f"{each.title} · {each.where}", each.model)
-            for each in setup.models
-        ]
+        models = text_formatting.models_offered(setup.models)
         self.model.fill([*models, (tr("Add a model file…"), _ADD)], setup.model)
         self.model.setVisible(bool(models))  # none are known before the models were looked for
         pictures = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
