@@ -530,9 +530,7 @@ class ProtocolStrip(Bar, QWidget):
             level += 1
         step, full = self._step, self._words(_FULL)
         for button, text in self._words(level).items():
-            button.set_label(text)
-            if full[button] and button.accessibleName() != full[button]:
-                button.setAccessibleName(full[button])
+            button.set_label(text, name=full[button])
         self._note.setVisible(level < _NO_NOTE and bool(self._note.text()))
         inline = level < _TICKS_COUNTED and bool(self._ticks)
         for box in self._ticks:

@@ -233,9 +233,7 @@ class TopBar(Bar, QWidget):
             level += 1
         trial = self._trial.text() if level < _TRIAL_GOES else ""
         for button, text, name, visible in self._shrinking(level):
-            if button.text() != text:
-                button.set_label(text)
-                button.setAccessibleName(name)
+            button.set_label(text, name=name)
             button.setVisible(visible)
         self._trial.setVisible(bool(trial))
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)

@@ -381,9 +381,7 @@ class DrivePanel(Panel):
             self._stick: ("game-controller", tr("Show the stick")),
             self._head: ("eye", tr("Show the head")),
         }[following]  # fmt: skip
-        self._other.set_label("", icon=icon)
-        self._other.setAccessibleName(name)
-        self._other.setToolTip(name)
+        self._other.set_label("", icon=icon, name=name, tip=name)
         self._other.setVisible(len(visible) < len(views))
 
     def _on_other_view(self) -> None:
@@ -477,18 +475,16 @@ class DrivePanel(Panel):
         if drive.guard == "overridden":
             # Next to the arrows only the text fits.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
-            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", role="amber")
-            self._guard.setAccessibleName(tr("Guard is off"))
-            self._guard.setToolTip(
-                tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on.")
-            )
+            self._guard.set_label(
+                tr("Guard off"), icon="" if beside else "shield-slash", role="amber", name=tr("Guard is off"),
+                tip=tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on."),
+            )  # fmt: skip
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label(tr("Guard"), icon=icon, role="plain")
-            self._guard.setAccessibleName(tr("Guard is on"))
-            self._guard.setToolTip(
-                tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off.")
-            )
+            self._guard.set_label(
+                tr("Guard"), icon=icon, role="plain", name=tr("Guard is on"),
+                tip=tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off."),
+            )  # fmt: skip
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)

@@ -212,9 +212,8 @@ class ReplayBar(QWidget):
         if (label, self._one_line) == self._play_shown:
             return
         self._play_shown = label, self._one_line
-        button.set_label("" if self._one_line else label, icon="pause" if playing else "play")
-        button.setAccessibleName(label)
-        button.setToolTip(label if self._one_line else "")
+        text, tip = ("", label) if self._one_line else (label, "")
+        button.set_label(text, icon="pause" if playing else "play", name=label, tip=tip)
         # Fixed width for both texts, so that nothing moves.
         button.setFixedWidth(max(44, *map(button.width_with, ("", "") if self._one_line else words)))
 
