@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QIcon, QResizeEvent
-from PySide6.QtWidgets import QApplication, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LATE_FROM_S
@@ -20,7 +20,7 @@ from caris_desktop.scenario.protocol_steps import ProtocolStep
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
-from caris_desktop.ui.focus_widget import Bar
+from caris_desktop.ui.focus_widget import Bar, application
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import duration
 from caris_desktop.ui.theme import Theme, icon
@@ -612,9 +612,8 @@ class _CardBelow(FloatingCard):
 
     def open_below(self, part: QWidget, strip: QWidget) -> None:
         self._strip = strip
-        app = QApplication.instance()
-        if app is not None and self.isHidden():
-            app.installEventFilter(self)
+        if self.isHidden():
+            application().installEventFilter(self)
         self.adjustSize()
         where = part.mapTo(self._room, QPoint(0, part.height() + 6))
         room = self._room.rect()
@@ -631,9 +630,7 @@ class _CardBelow(FloatingCard):
         return False
 
     def hideEvent(self, event: QHideEvent) -> None:
-        app = QApplication.instance()
-        if app is not None:
-            app.removeEventFilter(self)
+        application().removeEventFilter(self)
         super().hideEvent(event)
 
 
