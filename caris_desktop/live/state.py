@@ -176,6 +176,11 @@ class LiveValue(QObject):
         super().__init__(parent)
         self.value = value
 
+    def follow(self, slot: Callable[[Any], object]) -> None:
+        """Call ``slot`` now and on each change."""
+        self.changed.connect(slot)
+        slot(self.value)
+
     def set(self, value: Any) -> None:
         if value != self.value:
             self.reset_value(value)

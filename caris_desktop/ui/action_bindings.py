@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QComboBox, QWidget
 
 from caris_desktop.domain.intents import Intent, Permission
 from caris_desktop.domain.translation import tr
@@ -36,6 +36,7 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     show_nth_expression,
 )
+from caris_desktop.ui.focus_widget import application
 from caris_desktop.ui.key_choices import (
     Choices,
     ResolvedBindings,
@@ -324,9 +325,8 @@ class Actions(QObject):
         """Add rows of a part of the window, independent of the scenario; ``handlers`` has the callbacks of their
         groups.
         """
-        app = QApplication.instance()
-        if not self._brought and isinstance(app, QApplication):
-            app.focusChanged.connect(self._on_focus_changed)
+        if not self._brought:
+            application().focusChanged.connect(self._on_focus_changed)
         rows = [spec.in_words() for spec in specs]
         self._brought += rows
         self._standard += rows

@@ -82,8 +82,7 @@ class EmergencyBanner(Banner):
         self.release = self.add_button(
             "emergency_release", tr("Release emergency stop"), lambda: console.do(intents.ReleaseEmergencyStop())
         )
-        console.state.drive.changed.connect(self._on_drive_changed)
-        self._on_drive_changed(console.state.drive.value)
+        console.state.drive.follow(self._on_drive_changed)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         match drive.movement:
@@ -108,8 +107,7 @@ class GuardBanner(Banner):
             "guard_on", tr("Turn on"), lambda: console.do(intents.SetGuard(on=True)), icon="shield-check",
             accessibleName=tr("Turn on the guard"), toolTip=tr("Turn on the guard"),
         )  # fmt: skip
-        console.state.drive.changed.connect(self._on_drive_changed)
-        self._on_drive_changed(console.state.drive.value)
+        console.state.drive.follow(self._on_drive_changed)
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         self.setVisible(drive.guard == "overridden")

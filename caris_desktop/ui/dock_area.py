@@ -302,9 +302,8 @@ class Dock(KeyPlace):
         self.setWindowTitle(title)
         show_part(self._float, not self._locked)
         words = tr("Dock in the main window") if self.floating else tr("Open in a separate window")
-        self._float.set_label("", icon="arrow-square-in" if self.floating else "arrow-square-out")
-        self._float.setAccessibleName(f"{title}: {words}")
-        self._float.setToolTip(words)
+        icon = "arrow-square-in" if self.floating else "arrow-square-out"
+        self._float.set_label("", icon=icon, name=f"{title}: {words}", tip=words)
         self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=title))
 
     def set_shown(self, visible: bool) -> None:

@@ -28,6 +28,7 @@ _LICENCES = (
     (QT_TR_NOOP("CC0 1.0: no restrictions"), "CC0-1.0"),
     (QT_TR_NOOP("CC BY 4.0: credit the authors"), "CC-BY-4.0"),
     (QT_TR_NOOP("CC BY-NC 4.0: credit the authors, non-commercial"), "CC-BY-NC-4.0"),
+    (QT_TR_NOOP("Another licence…"), None),
 )
 _LEAST_FORMATS_PX = 160
 _FIRST_CHOICE = ("csv", "html")
@@ -52,9 +53,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._browse = self._button("choose", tr("Choose…"), self._choose_folder, icon="folder-open", height_px=36)
         self._licence = DropDown(theme, "export_licence", tr("Licence"))
         self._licence.setMinimumHeight(36)
-        for text, value in _LICENCES:
-            self._licence.addItem(tr(text), value)
-        self._licence.addItem(tr("Another licence…"), None)
+        self._licence.fill([(tr(text), value) for text, value in _LICENCES], "")
         self._licence.currentIndexChanged.connect(self._show_state)
         self._other = line_edit(
             "export_other_licence", tr("Name or URL of the licence"), maxLength=200,

@@ -161,8 +161,7 @@ class FaceWindow(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._view = FaceView()
         layouts.vbox(self, self._view, margins_px=0)
-        state.face_drawing.changed.connect(self._on_shown)
-        self._on_shown(state.face_drawing.value)
+        state.face_drawing.follow(self._on_shown)
         other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
         self.resize(640, 400)
         if other is None:

@@ -2,8 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, QRectF, QSize, Qt, QTimer, Signal
@@ -214,7 +214,6 @@ class StepDots(QWidget):
         self._theme = theme
         self._steps: tuple[PracticeStepStatus, ...] = ()
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        theme.changed.connect(self.update)
 
     def show_steps(self, steps: tuple[PracticeStepStatus, ...]) -> None:
         self._steps = steps
@@ -259,22 +258,20 @@ class PracticeStrip(Bar, QWidget):
         self._saved = False
         self._title = label("", "title", wraps=True, objectName="practice_title")
         self._how = label(tone="dim", wraps=True, objectName="practice_how")
-        self._theme = theme
         self._dots = StepDots(theme)
-        self._again = self._button("again", tr("Practise again"), self.begin)
-        self._end = self._button("end", tr("End practice"), lambda: console.do(intents.EndPractice()))
-        self._skip = self._button("skip", tr("Skip"), lambda: console.do(intents.SkipPracticeStep()))
-        self._skip.set_label(tr("Skip"), icon="skip-forward", role="ghost")
-        self._skip.setToolTip(tr("Continue with the next step. A skipped step earns no points."))
+        button = partial(ActionButton, theme, height_px=_BUTTON_PX)
+        self._again = button(tr("Practise again"), objectName="practice_again", clicked=self.begin)
+        self._end = button(objectName="practice_end", clicked=lambda: console.do(intents.EndPractice()))
+        self._skip = button(
+            tr("Skip"), icon="skip-forward", role="ghost", objectName="practice_skip",
+            toolTip=tr("Continue with the next step. A skipped step earns no points."),
+            clicked=lambda: console.do(intents.SkipPracticeStep()),
+        )  # fmt: skip
         words = layouts.vbox(None, self._title, self._how, spacing_px=1)
         parts = self._dots, self._skip, self._again, self._end
         layouts.hbox(self, (words, 1), *parts, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
-        console.state.practice.changed.connect(self._show)
         actions.keys_changed.connect(self._on_keys_changed)
-        self._show(console.state.practice.value)
-
-    def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
-        return ActionButton(self._theme, text, height_px=_BUTTON_PX, objectName=f"practice_{name}", clicked=run)
+        console.state.practice.follow(self._show)
 
     def begin(self) -> None:
         """Start once the wizard is known."""

@@ -33,6 +33,14 @@ def focus_widget(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.Shortc
     activate_window(window_of(widget))
 
 
+def application() -> QApplication:
+    """The application, which exists before any widget."""
+    app = QApplication.instance()
+    if not isinstance(app, QApplication):
+        raise TypeError("the window needs a QApplication")
+    return app
+
+
 def focused_widget() -> QWidget | None:
     """The application's focus widget, unless it is being deleted: PySide returns those too, and any call fails."""
     return existing(QApplication.focusWidget())

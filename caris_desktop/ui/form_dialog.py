@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
@@ -9,6 +10,7 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
 from caris_desktop.ui.widgets.labels import named
 
@@ -50,10 +52,14 @@ def file_dialog(
 
 
 class FormDialog(VisualTabOrderMixin, QDialog):
-    """Non-modal: the robot can be driven and stopped meanwhile."""
+    """Non-modal: the robot can be driven and stopped meanwhile. Deleted when it is closed."""
 
     def __init__(self, theme: Theme, parent: QWidget, name: str, title: str) -> None:
         super().__init__(parent)
         self.setObjectName(name)
         self.setWindowTitle(title)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._theme = theme
+
+    def button(self, name: str, text: str, run: Callable[..., object], **more: Any) -> ActionButton:
+        return ActionButton(self._theme, text, objectName=name, clicked=run, **{"height_px": 38, **more})

@@ -283,7 +283,6 @@ class GamepadView(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(112)
         self.setAccessibleName(tr("Live gamepad input"))
-        theme.changed.connect(self.update)
 
     def show_sample(self, sample: GamepadSample, device: GamepadDevice | None, dead_zone: float) -> None:
         self._raw = sample.raw if device is not None else RawInputs()

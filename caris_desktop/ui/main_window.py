@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QSplitter, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
@@ -26,7 +26,7 @@ from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.first_use import DriveHint, FirstUse, PracticeStrip
-from caris_desktop.ui.focus_widget import PanelWindow
+from caris_desktop.ui.focus_widget import PanelWindow, application
 from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.input.talk_key import Talking
@@ -85,9 +85,7 @@ class MainWindow(PanelWindow, QWidget):
         all_panels: bool = True,
     ) -> None:
         super().__init__()
-        app = QApplication.instance()
-        if not isinstance(app, QApplication):
-            raise TypeError("the window needs a QApplication")
+        app = application()
         install_accessible_roles()
         self.setObjectName("main_window")
         self._console = console
@@ -228,7 +226,6 @@ class MainWindow(PanelWindow, QWidget):
         self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)
         self._emergency_copy.pressed.connect(lambda: self._console.do(intents.EmergencyStop()))
-        self.theme.changed.connect(self.update)
         state.event_happened.connect(self._on_event)
         state.scenario.changed.connect(self._on_scenario_changed)
         self._palette_latched = state.drive.value.emergency_stop

@@ -203,12 +203,9 @@ class MarkCard(Popup):
             "mark_card_note", tr("Note"), self._on_add_note, icon="note-pencil", toolTip=tr("Add a note to this mark")
         )
         self._undo = self._button(
-            "mark_card_undo",
-            tr("Undo"),
-            lambda: actions.run("mark_undo"),
-            icon="arrow-u-up-left",
+            "mark_card_undo", tr("Undo"), lambda: actions.run("mark_undo"), icon="arrow-u-up-left",
             toolTip=tr("Undo this mark"),
-        )
+        )  # fmt: skip
         self._correct = QWidget()
         corrections = self._end, self._earlier, self._add_note, self._undo
         layouts.hbox(self._correct, *corrections, margins_px=0, spacing_px=6)
@@ -225,7 +222,7 @@ class MarkCard(Popup):
         )
         parts = self._labels, self._kinds, self._note_row
         below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
-        layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
+        self._column = layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
         self._away = QTimer(self, singleShot=True)
         self._away.timeout.connect(self._on_away)
         self._second = QTimer(self, interval=250)
@@ -499,12 +496,9 @@ class MarkCard(Popup):
 
     def place(self) -> None:
         width = min(MARK_CARD_WIDTH_PX, self._window.width() - 2 * _LEFT_PX)
-        layout = self.layout()
-        if layout is None:
-            return
-        layout.invalidate()
-        layout.activate()
-        height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
+        self._column.invalidate()
+        self._column.activate()
+        height = self._column.heightForWidth(width)
         visible = [strip for strip in self._below if strip.isVisible()]
         bottoms = [strip.mapTo(self._window, strip.rect().bottomLeft()).y() + 4 for strip in visible]
         top = max(bottoms, default=_BELOW_TOP_BAR_PX)

@@ -41,21 +41,21 @@ def add_switch(menu: QMenu, text: str, on: bool, use: Callable[[bool], object]) 
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
 
-class SoundChoice(Value):
-    """Entry of the menu: ``title`` is the setting, ``text`` its value; ``id`` does not depend on language."""
+class SettingChoice(Value):
+    """Entry of a menu: ``text`` is a value of the setting ``title``; ``id`` does not depend on language."""
 
-    title: str
     text: str
     intent: intents.Intent
     chosen: bool
+    title: str = ""
     id: str = field(kw_only=True)
 
 
-def sound_choices(console: WizardConsole) -> list[SoundChoice]:
+def sound_choices(console: WizardConsole) -> list[SettingChoice]:
     """Entries permitted by the scenario, grouped by title."""
     permissions, hears = console.scenario.permissions, console.scenario.sound.hear
     listens = permissions.audio_recording or permissions.transcription or hears
-    choices: list[SoundChoice] = []
+    choices: list[SettingChoice] = []
     if listens and participant_microphone(console.scenario, console.state.robot.value) == "computer":
         choices += _microphones(console, QT_TR_NOOP("Participant’s microphone"), "participant", console.microphone)
     if permissions.own_voice or permissions.transcription:
@@ -63,27 +63,26 @@ def sound_choices(console: WizardConsole) -> list[SoundChoice]:
     return [*choices, *_volumes(console)] if hears else choices
 
 
-def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | None) -> list[SoundChoice]:
+def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | None) -> list[SettingChoice]:
     names: list[str | None] = [None, *dict.fromkeys(("", *console.microphones()))]
     if chosen not in names:
         names.append(chosen)  # unplugged, but still the selected one
     return [
-        SoundChoice(
-            tr(title), tr("No microphone") if name is None else text_formatting.microphone(name),
-            intents.UseMicrophone(name, role), name == chosen,
+        SettingChoice(
+            tr("No microphone") if name is None else text_formatting.microphone(name),
+            intents.UseMicrophone(name, role), name == chosen, tr(title),
             id=f"{title}: {'No microphone' if name is None else name or 'System’s default microphone'}",
         )
         for name in names
     ]  # fmt: skip
 
 
-def _volumes(console: WizardConsole) -> list[SoundChoice]:
+def _volumes(console: WizardConsole) -> list[SettingChoice]:
     sound = console.state.sound.value
     return [
-        SoundChoice(
-            tr("Hear the robot"), _percent(volume) if volume else tr("Off"),
-            intents.HearRobot(volume > 0.0, volume or sound.volume),
-            sound.volume == volume if sound.hearing and volume else not (sound.hearing or volume),
+        SettingChoice(
+            _percent(volume) if volume else tr("Off"), intents.HearRobot(volume > 0.0, volume or sound.volume),
+            sound.volume == volume if sound.hearing and volume else not (sound.hearing or volume), tr("Hear the robot"),
             id=f"Hear the robot: {_percent(volume) if volume else 'Off'}",
         )
         for volume in (0.0, *_VOLUMES)

@@ -96,9 +96,8 @@ class NotificationPopups(InSight):
         over.installEventFilter(self)
         over.laid_out.connect(self._on_laid_out)
         self._state = state
-        state.alarms.changed.connect(self._on_alarms_changed)
         self.hide()
-        self._on_alarms_changed(state.alarms.value)
+        state.alarms.follow(self._on_alarms_changed)
 
     @property
     def cards(self) -> tuple["NotificationPopup", ...]:
@@ -407,8 +406,7 @@ class AlarmsButton(StatusButton):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "alarms_button", tr("Active alarms and what to do about them. Click for the list."))
-        console.state.alarms.changed.connect(self._show)
-        self._show(console.state.alarms.value)
+        console.state.alarms.follow(self._show)
 
     def _show(self, alarms: tuple[Alarm, ...]) -> None:
         count = len(alarms)

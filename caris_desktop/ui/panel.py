@@ -85,7 +85,6 @@ class Panel(QWidget):
         self.shown_title = self.title
         """Current text of the title bar; menus use ``title``."""
         self.setAccessibleName(self.title)
-        self.theme.changed.connect(self.update)
 
     def sizeHint(self) -> QSize:
         return self.preferred_size if self.preferred_size.isValid() else super().sizeHint()

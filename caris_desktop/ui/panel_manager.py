@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario, panels_in
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, permitted
-from caris_desktop.ui.focus_widget import existing, focus_widget
+from caris_desktop.ui.focus_widget import application, existing, focus_widget
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 
@@ -70,9 +70,7 @@ class PanelManager(QObject):
         self._importing = False
         self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._turn.timeout.connect(self._build_for_a_turn)
-        app = QApplication.instance()
-        if isinstance(app, QApplication):
-            app.focusChanged.connect(self._on_focus_changed)
+        application().focusChanged.connect(self._on_focus_changed)
 
     @property
     def panels(self) -> dict[PanelName, Panel]:

@@ -1,8 +1,11 @@
 """List of preflight checks: title, state, advice, and a check box for manual checks; its popup and button."""
 
+from collections.abc import Mapping
+from functools import partial
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAccessible, QShowEvent
-from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
@@ -22,6 +25,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.inputs import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.labels import IconLabel, label, named, restyle
+from caris_desktop.ui.widgets.rows import show_rows
 
 _ICON_PX = 20
 
@@ -41,13 +45,15 @@ class PreflightList(QScrollArea):
         self._theme = theme
         self._console = console
         self._inner = QWidget()
-        self._column = layouts.vbox(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
-        self._by_hand = self._heading(tr("Check yourself"))
-        self._by_itself = self._heading(tr("Checked by the console"))
-        self._column.addStretch(1)
+        column = layouts.vbox(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
+        self._sections: list[tuple[bool, QLabel, QVBoxLayout, dict[str, PreflightRow]]] = []
+        for manual, text in ((True, tr("Check yourself")), (False, tr("Checked by the console"))):
+            heading, rows = label(text, "caption"), layouts.vbox(spacing_px=0)
+            heading.setContentsMargins(0, 8, 0, 2)
+            layouts.fill(column, heading, rows)
+            self._sections.append((manual, heading, rows, {}))
+        column.addStretch(1)
         self.setWidget(self._inner)
-        self._rows: dict[str, PreflightRow] = {}
-        self._outdated = True
         console.state.preflight.changed.connect(self._on_changed)
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -55,26 +61,14 @@ class PreflightList(QScrollArea):
         self._update_rows()
 
     def _on_changed(self, _checks: object) -> None:
-        self._outdated = True
         if self.isVisible():
             self._update_rows()
-
-    def _update_rows(self) -> None:
-        if self._outdated:
-            self._outdated = False
-            self._show(self._console.state.preflight.value)
-
-    def _heading(self, text: str) -> QLabel:
-        heading = label(text, "caption")
-        heading.setContentsMargins(0, 8, 0, 2)
-        self._column.addWidget(heading)
-        return heading
 
     @property
     def rows(self) -> dict[str, "PreflightRow"]:
         """Rows by check id, in order."""
         self._update_rows()
-        return self._rows
+        return {check_id: row for *_section, rows in self._sections for check_id, row in rows.items()}
 
     def height_px(self, width_px: int) -> int:
         """Height with all rows at this width."""
@@ -82,23 +76,18 @@ class PreflightList(QScrollArea):
         inner = self._inner
         return inner.heightForWidth(width_px) if inner.hasHeightForWidth() else inner.sizeHint().height()
 
-    def _show(self, checks: tuple[PreflightCheck, ...]) -> None:
-        if {check.id for check in checks} != set(self._rows):
-            # Create the rows, manual checks first.
-            for row in self._rows.values():
-                self._column.removeWidget(row)
-                row.hide()
-                row.deleteLater()
-            self._rows = {}
-            for heading, manual in ((self._by_hand, True), (self._by_itself, False)):
-                section_checks = [check for check in checks if check.manual is manual]
-                heading.setVisible(bool(section_checks) and any(check.manual for check in checks))
-                for place, check in enumerate(section_checks, start=self._column.indexOf(heading) + 1):
-                    row = self._rows[check.id] = PreflightRow(self._theme, self._console, check, self._inner)
-                    self._column.insertWidget(place, row)
-                    row.show()
-        for check in checks:
-            self._rows[check.id].show_check(check)
+    def _update_rows(self) -> None:
+        """Show the checks, manual ones first; their headings only if there are any of those."""
+        checks: tuple[PreflightCheck, ...] = self._console.state.preflight.value
+        for manual, heading, column, rows in self._sections:
+            of_section = {check.id: check for check in checks if check.manual is manual}
+            heading.setVisible(bool(of_section) and any(check.manual for check in checks))
+            show_rows(column, rows, tuple(of_section), partial(self._new_row, of_section))
+            for check_id, row in rows.items():
+                row.show_check(of_section[check_id])
+
+    def _new_row(self, checks: Mapping[str, PreflightCheck], check_id: str) -> "PreflightRow":
+        return PreflightRow(self._theme, self._console, checks[check_id], self._inner)
 
 
 class PreflightRow(QWidget):
@@ -182,8 +171,7 @@ class PreflightCard(Overlay):
         head = layouts.hbox(None, heading, 1, self.close_button("preflight_close"))
         self.list = PreflightList(theme, console)
         layouts.vbox(self.card, head, self._summary, (self.list, 1), margins_px=(20, 14, 12, 16), spacing_px=6)
-        console.state.preflight.changed.connect(self._show)
-        self._show(console.state.preflight.value)
+        console.state.preflight.follow(self._show)
 
     def open(self) -> None:
         super().open()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QIcon, QResizeEvent
-from PySide6.QtWidgets import QApplication, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LATE_FROM_S
@@ -20,7 +20,7 @@ from caris_desktop.scenario.protocol_steps import ProtocolStep
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
-from caris_desktop.ui.focus_widget import Bar
+from caris_desktop.ui.focus_widget import Bar, application
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import duration
 from caris_desktop.ui.theme import Theme, icon
@@ -287,8 +287,7 @@ class ProtocolStrip(Bar, QWidget):
     def show_replay(self, overview: LiveValue) -> None:
         """Show a replay, without controls. ``overview`` as in ReplayConsole."""
         self._replay = True
-        overview.changed.connect(self._on_overview)
-        self._on_overview(overview.value)
+        overview.follow(self._on_overview)
 
     def _on_overview(self, overview: "SessionOverview | None") -> None:
         steps = () if overview is None else overview.steps
@@ -531,9 +530,7 @@ class ProtocolStrip(Bar, QWidget):
             level += 1
         step, full = self._step, self._words(_FULL)
         for button, text in self._words(level).items():
-            button.set_label(text)
-            if full[button] and button.accessibleName() != full[button]:
-                button.setAccessibleName(full[button])
+            button.set_label(text, name=full[button])
         self._note.setVisible(level < _NO_NOTE and bool(self._note.text()))
         inline = level < _TICKS_COUNTED and bool(self._ticks)
         for box in self._ticks:
@@ -615,9 +612,8 @@ class _CardBelow(FloatingCard):
 
     def open_below(self, part: QWidget, strip: QWidget) -> None:
         self._strip = strip
-        app = QApplication.instance()
-        if app is not None and self.isHidden():
-            app.installEventFilter(self)
+        if self.isHidden():
+            application().installEventFilter(self)
         self.adjustSize()
         where = part.mapTo(self._room, QPoint(0, part.height() + 6))
         room = self._room.rect()
@@ -634,9 +630,7 @@ class _CardBelow(FloatingCard):
         return False
 
     def hideEvent(self, event: QHideEvent) -> None:
-        app = QApplication.instance()
-        if app is not None:
-            app.removeEventFilter(self)
+        application().removeEventFilter(self)
         super().hideEvent(event)
 
 

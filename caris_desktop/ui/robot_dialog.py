@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from PySide6.QtCore import QSize, Qt, Signal
@@ -79,9 +79,10 @@ class RobotDialog(FormDialog):
             "robot_address", tr("Address of the robot"), address, maxLength=300, returnPressed=self.query_robot,
             placeholderText=tr("ws://192.168.1.20:9090 or wss://…"), textChanged=self._on_address_changed,
         )  # fmt: skip
-        self._scan_button = self._button(
-            "look", tr("Scan"), self.query_robot, icon="magnifying-glass", key="Enter", role="primary", height_px=36
-        )
+        self._scan_button = self.button(
+            "robot_look", tr("Scan"), self.query_robot, icon="magnifying-glass", key="Enter", role="primary",
+            height_px=36,
+        )  # fmt: skip
         self._security = QWidget()
         security = layouts.vbox(self._security, margins_px=0)
         self._certificates, self._fingerprint, self._secret = (
@@ -128,12 +129,12 @@ class RobotDialog(FormDialog):
             textChanged=self._refresh,
         )  # fmt: skip
         self._file = ElidedLabel(role="note", objectName="robot_file")
-        self._check = self._button(
-            "check", tr("Check live"), self.check, icon="activity",
+        self._check = self.button(
+            "robot_check", tr("Check live"), self.check, icon="activity",
             toolTip=tr("Listen to every stream for a few seconds"),
         )  # fmt: skip
-        self._save = self._button("save", tr("Save and connect"), self.save, role="primary")
-        cancel = self._button("cancel", tr("Cancel"), self.reject, role="ghost")
+        self._save = self.button("robot_save", tr("Save and connect"), self.save, role="primary")
+        cancel = self.button("robot_cancel", tr("Cancel"), self.reject, role="ghost")
         lay_out_form(
             self,
             label(tr("Which robot?"), "heading"),
@@ -153,9 +154,6 @@ class RobotDialog(FormDialog):
         resize_to(self, QSize(920, 720))
         self.address_field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.address_field.selectAll()
-
-    def _button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
-        return ActionButton(self._theme, text, objectName=f"robot_{name}", clicked=run, **{"height_px": 38, **more})
 
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
@@ -285,21 +283,15 @@ class RobotDialog(FormDialog):
                 )
             )
         )
-        self.start_from.clear()
-        self.start_from.addItem(tr("Detected mapping"), "")
-        for like in found.resembles:
-            resembles = tr("Profile of {robot} ({share:.0%} of its names found)")
-            self.start_from.addItem(resembles.format(robot=like.title, share=like.share), like.name)
-        has_likes = bool(found.resembles)
-        self._start_label.setVisible(has_likes)
-        self.start_from.setVisible(has_likes)
-        self.namespace.clear()
-        for namespace in found.proposal.namespaces:
-            self.namespace.addItem(namespace or tr("no namespace"), namespace)
-        self.namespace.setCurrentIndex(max(0, self.namespace.findData(found.proposal.namespace)))
-        several = len(found.proposal.namespaces) > 1
-        self._namespace_label.setVisible(several)
-        self.namespace.setVisible(several)
+        resembles = tr("Profile of {robot} ({share:.0%} of its names found)")
+        likes = [(resembles.format(robot=like.title, share=like.share), like.name) for like in found.resembles]
+        self.start_from.fill([(tr("Detected mapping"), ""), *likes], "")
+        namespaces = [(name or tr("no namespace"), name) for name in found.proposal.namespaces]
+        self.namespace.fill(namespaces, found.proposal.namespace)
+        for part in (self._start_label, self.start_from):
+            part.setVisible(bool(likes))
+        for part in (self._namespace_label, self.namespace):
+            part.setVisible(len(namespaces) > 1)
         self._fill_offer()
         self._show_proposal(found.proposal)
         self._note.show_note("green", "check-circle", tr("The robot responds. Review the mapping, then check it live."))

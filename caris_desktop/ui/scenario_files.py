@@ -21,7 +21,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import NAME, SUFFIX, ImportQuestion, NameConflict, bundle_name
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
-from caris_desktop.ui.form_dialog import FormDialog, file_dialog, lay_out_form
+from caris_desktop.ui.form_dialog import FormDialog, file_dialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import list_area
@@ -97,7 +97,6 @@ class ConfirmFileDialog(FormDialog):
 
     def __init__(self, theme: Theme, parent: QWidget, question: FileQuestion) -> None:
         super().__init__(theme, parent, "confirm_file_dialog", tr("Confirm before use"))
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         heading = (
             tr("“{title}” has changed. May it use this?") if question.is_changed else tr("May “{title}” use this?")
         )
@@ -105,13 +104,8 @@ class ConfirmFileDialog(FormDialog):
             "Nothing in the file is used until you allow it. You will be asked again if the file refers to something "
             "new."
         )
-        cancel, allow = (
-            ActionButton(theme, text, height_px=40, objectName=f"confirm_file_{name}", clicked=run)
-            for name, text, run in (
-                ("cancel", tr("Do not allow"), self.reject),
-                ("allow", tr("Allow all"), self.accept),
-            )
-        )
+        cancel = self.button("confirm_file_cancel", tr("Do not allow"), self.reject, height_px=40)
+        allow = self.button("confirm_file_allow", tr("Allow all"), self.accept, height_px=40)
         lay_out_form(
             self,
             label(heading.format(title=printable(question.title)), "heading", wraps=True),
@@ -122,11 +116,7 @@ class ConfirmFileDialog(FormDialog):
             scrolls=False,
         )
         cancel.setFocus()
-        self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen; the list needs more
-
-    def sizeHint(self) -> QSize:
-        screen = self.screen()
-        return QSize(860, 720 if screen is None else min(720, screen.availableGeometry().height() - 80))
+        resize_to(self, QSize(860, 720))
 
     def _list(self, question: FileQuestion) -> QScrollArea:
         """List of references, unconfirmed ones first."""
@@ -193,18 +183,15 @@ class ImportConflictDialog(FormDialog):
         self, theme: Theme, parent: QWidget, question: ImportQuestion, decide: Callable[[tuple[SameName, ...]], None]
     ) -> None:
         super().__init__(theme, parent, "same_names_dialog", tr("Import a scenario"))
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._decide = decide
         heading = tr("Some names in {file} already exist").format(file=question.path.name)
         hint = tr("Nothing has been changed yet. Replaced files are set aside, not deleted.")
         self._refusal = label(tone="amber", wraps=True, objectName="same_names_refusal")
-        self._import = ActionButton(
-            theme, tr("Import"), role="primary", height_px=40, objectName="same_names_import", clicked=self._on_import
-        )
+        self._import = self.button("same_names_import", tr("Import"), self._on_import, role="primary", height_px=40)
         self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
         holder = QWidget()
         layouts.vbox(holder, *self.parts, 1, margins_px=(0, 0, 8, 0), spacing_px=16)
-        cancel = ActionButton(theme, tr("Cancel"), height_px=40, objectName="same_names_cancel", clicked=self.reject)
+        cancel = self.button("same_names_cancel", tr("Cancel"), self.reject, height_px=40)
         lay_out_form(
             self,
             label(heading, "heading"),

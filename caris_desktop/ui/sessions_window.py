@@ -2,15 +2,13 @@
 
 import itertools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import (
-    QAbstractListModel,
-    QAbstractTableModel,
     QItemSelectionModel,
     QModelIndex,
     QRect,
@@ -30,10 +28,11 @@ from PySide6.QtGui import (
     QKeyEvent,
     QPainter,
     QShowEvent,
+    QStandardItem,
+    QStandardItemModel,
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QHeaderView,
     QListView,
     QSplitter,
     QStyle,
@@ -43,7 +42,6 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import Value
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
@@ -55,19 +53,9 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, add_clear_button
 from caris_desktop.ui.widgets.labels import label, line_edit, named, restyle
-from caris_desktop.ui.widgets.rows import Index, RowDelegate
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Column, ColumnModel, Index, RowDelegate, set_up_table
 
 _ROW_PX = 36
-
-
-class Column(Value):
-    """Column of the session table: title, cell text and sort key."""
-
-    title: str
-    text: Callable[[SessionEntry], str]
-    key: Callable[[SessionEntry], Any]
-    width_px: int
-    right: bool = False
 
 
 def state_words(entry: SessionEntry) -> str:
@@ -128,76 +116,28 @@ COLUMNS: tuple[Column, ...] = (
 )  # fmt: skip
 
 
-class SessionsModel(QAbstractTableModel):
-    """Sessions as rows, sorted by one column."""
+class SessionsModel(ColumnModel[SessionEntry]):
+    """Sessions as rows. ``recording``: the session that goes on."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
+        super().__init__(COLUMNS, parent)
         self._theme = theme
-        self._entries: list[SessionEntry] = []
         self.recording: Path | None = None
-        self._column, self._order = 0, Qt.SortOrder.DescendingOrder
-
-    def show_entries(self, entries: Sequence[SessionEntry]) -> None:
-        self.beginResetModel()
-        self._entries = list(entries)
-        self._sort()
-        self.endResetModel()
-
-    def entry(self, row: int) -> SessionEntry:
-        return self._entries[row]
 
     def row_of(self, folder: Path) -> int | None:
-        return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
+        return next((row for row, entry in enumerate(self.rows) if entry.folder == folder), None)
 
-    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._entries)
-
-    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(COLUMNS)
-
-    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        entry, column = self._entries[index.row()], COLUMNS[index.column()]
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        entry, state = self.rows[index.row()], COLUMNS[index.column()].title == "State"
         goes_on = entry.folder == self.recording
-        if role == Qt.ItemDataRole.DisplayRole:
-            return tr("Recording now") if goes_on and column.title == "State" else column.text(entry)
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _alignment(column)
+        if role == Qt.ItemDataRole.DisplayRole and goes_on and state:
+            return tr("Recording now")
         if role == Qt.ItemDataRole.ToolTipRole:
             lines = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
             return "\n".join(part for part in lines if part)
-        if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
-            return icon("warning", self._theme.color("amber"), 16) if _doubtful(entry) and not goes_on else None
-        return None
-
-    def headerData(
-        self, section: int, orientation: Qt.Orientation, role: int = int(Qt.ItemDataRole.DisplayRole)
-    ) -> Any:
-        if orientation == Qt.Orientation.Horizontal:
-            if role == Qt.ItemDataRole.DisplayRole:
-                return tr(COLUMNS[section].title)
-            if role == Qt.ItemDataRole.TextAlignmentRole:
-                return _alignment(COLUMNS[section])
-        return None
-
-    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
-        self.layoutAboutToBeChanged.emit()
-        before = self.persistentIndexList()
-        entries = [(self._entries[index.row()], index.column()) for index in before]
-        self._column, self._order = column, order
-        self._sort()
-        rows = {id(entry): row for row, entry in enumerate(self._entries)}
-        self.changePersistentIndexList(before, [self.index(rows[id(entry)], place) for entry, place in entries])
-        self.layoutChanged.emit()
-
-    def _sort(self) -> None:
-        key = COLUMNS[self._column].key
-        self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
-
-
-def _alignment(column: Column) -> int:
-    side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
-    return int(side | Qt.AlignmentFlag.AlignVCenter)
+        if role == Qt.ItemDataRole.DecorationRole and state and _doubtful(entry) and not goes_on:
+            return icon("warning", self._theme.color("amber"), 16)
+        return super().data(index, role)
 
 
 class SessionTable(QTableView):
@@ -207,23 +147,10 @@ class SessionTable(QTableView):
 
     def __init__(self) -> None:
         super().__init__()
+        set_up_table(self, row_px=_ROW_PX)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setSortingEnabled(True)
-        self.setShowGrid(False)
-        self.setWordWrap(False)
-        self.setTabKeyNavigation(False)
-        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.verticalHeader().hide()
-        # Fixed row height: Qt need not measure 500 rows.
-        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        self.verticalHeader().setDefaultSectionSize(_ROW_PX)
-        header = self.horizontalHeader()
-        header.setHighlightSections(False)
-        header.setStretchLastSection(True)
-        header.setSectionsClickable(True)
 
     def focusInEvent(self, event: QFocusEvent) -> None:
         super().focusInEvent(event)
@@ -283,7 +210,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.table = named(SessionTable(), "sessions_table", tr("Sessions"))
         self.table.setModel(self.model)
         self.table.chosen.connect(self._replay)
-        self.table.doubleClicked.connect(lambda index: self._open_replay(self.model.entry(index.row()).folder))
+        self.table.doubleClicked.connect(lambda index: self._open_replay(self.model.rows[index.row()].folder))
         self.table.selectionModel().selectionChanged.connect(self._show_buttons)
         for number, column in enumerate(COLUMNS):
             heading_px = self.table.horizontalHeader().sectionSizeHint(number)
@@ -313,9 +240,8 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._replay_button = self._button("sessions_replay", tr("Replay"), "play", self._replay, role="primary")
         self._replay_button.set_key("Enter")
         self._lay_out()
-        library.found.changed.connect(self._on_found)
         theme.changed.connect(self.table.viewport().update)
-        self._on_found(library.found.value)
+        library.found.follow(self._on_found)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 
     def sizeHint(self) -> QSize:
@@ -381,7 +307,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             # An unchanged list keeps its scroll position, however often the index is read.
             self._listed = status.sessions
             chosen = {entry.folder for entry in self.selected()}
-            self.model.show_entries(status.sessions)
+            self.model.show_rows(status.sessions)
             rows = [row for folder in chosen if (row := self.model.row_of(folder)) is not None]
             selection = self.table.selectionModel()
             for row in rows:
@@ -444,7 +370,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
     def selected(self) -> list[SessionEntry]:
         """Selected sessions, top to bottom."""
         rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
-        return [self.model.entry(row) for row in rows]
+        return [self.model.rows[row] for row in rows]
 
     def _show_buttons(self) -> None:
         chosen = self.selected()
@@ -510,11 +436,10 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             super().keyPressEvent(event)
 
 
-_HIT_ROLE = int(Qt.ItemDataRole.UserRole)
 _INDENT_PX = 12
 
 
-class HitsModel(QAbstractListModel):
+class HitsModel(QStandardItemModel):
     """Search results, each session's under a heading; more are fetched on scrolling."""
 
     more_requested = Signal(int)
@@ -523,89 +448,61 @@ class HitsModel(QAbstractListModel):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self._hits: tuple[SearchHit, ...] = ()
-        self._rows: list[SearchHit | Path] = []
-        self._places: dict[Path, int] = {}
-        self._requested_places = 0
-        self._whose: dict[Path, str] = {}
+        self._places = self._requested_places = 0
         self.pattern: re.Pattern[str] | None = None
 
     def show_hits(self, status: LibraryStatus) -> None:
         if status.updating and status.hits == self._hits:
             return  # former results stay until new ones arrive
-        self._places, self._requested_places = status.places, status.query.places
-        count = len(self._hits)
-        if count < len(status.hits) and self._hits and status.hits[:count] == self._hits:
-            more = _grouped(status.hits[count:], after=self._hits[-1].folder)
-            self.beginInsertRows(QModelIndex(), len(self._rows), len(self._rows) + len(more) - 1)
-            self._hits = status.hits
-            self._rows += more
-            self.endInsertRows()
-            return
-        self.beginResetModel()
-        self._hits = status.hits
-        self._rows = _grouped(status.hits)
-        self._whose = {
+        self._places, self._requested_places = sum(status.places.values()), status.query.places
+        known = len(self._hits)
+        if not known or known >= len(status.hits) or status.hits[:known] != self._hits:
+            known = 0
+            self.clear()
+            found = [re.escape(word.strip("\"'*")) for word in status.query.text.split() if word.strip("\"'*")]
+            self.pattern = re.compile("|".join(found), re.IGNORECASE) if found else None
+        before, self._hits = self._hits[known - 1 : known], status.hits
+        sessions = {
             entry.folder: f"{entry.participant or entry.folder.name} · {local_time(entry.started_utc)}"
             for entry in status.sessions
         }
-        found = [re.escape(word.strip("\"'*")) for word in status.query.text.split() if word.strip("\"'*")]
-        self.pattern = re.compile("|".join(found), re.IGNORECASE) if found else None
-        self.endResetModel()
+        items: list[QStandardItem] = []
+        for folder, of_session in itertools.groupby(status.hits[known:], key=attrgetter("folder")):
+            session, places = sessions.get(folder, folder.name), status.places.get(folder, 0)
+            if not before or before[0].folder != folder:
+                matches = tr("1 match") if places == 1 else tr("%n matches", "", places)
+                items.append(_row(f"{session} · {matches}", f"{session} · {matches}"))
+                items[-1].setFlags(Qt.ItemFlag.ItemNeverHasChildren)
+            items += (_row_of(hit, session) for hit in of_session)
+        self.invisibleRootItem().appendRows(items)
 
     def hit(self, row: int) -> SearchHit:
         """Result in ``row``, which is not a heading."""
-        hit = self._rows[row]
-        assert isinstance(hit, SearchHit)  # noqa: S101 (headings cannot be chosen)
+        hit: SearchHit = self.item(row).data(VALUE_ROLE)
         return hit
 
-    def session_name(self, folder: Path) -> str:
-        return self._whose.get(folder, folder.name)
-
-    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._rows)
-
     def canFetchMore(self, _parent: Index) -> bool:
-        return self._requested_places <= len(self._hits) < sum(self._places.values())
+        return self._requested_places <= len(self._hits) < self._places
 
     def fetchMore(self, _parent: Index) -> None:
         self._requested_places += PLACES_A_PAGE
         self.more_requested.emit(self._requested_places)
 
-    def flags(self, index: Index) -> Qt.ItemFlag:
-        is_hit = isinstance(self._rows[index.row()], SearchHit)
-        return super().flags(index) if is_hit else Qt.ItemFlag.ItemNeverHasChildren
 
-    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        hit = self._rows[index.row()]
-        if isinstance(hit, Path):
-            is_text = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
-            return self._heading(hit) if is_text else None
-        if role == Qt.ItemDataRole.DisplayRole:
-            return hit.snippet
-        if role == _HIT_ROLE:
-            return hit
-        if role == Qt.ItemDataRole.AccessibleTextRole:
-            at = text_formatting.elapsed(hit.session_s)
-            return f"{self.session_name(hit.folder)}, {at}, {kind_words(hit.kind)}: {hit.snippet}"
-        if role == Qt.ItemDataRole.ToolTipRole:
-            lines = [hit.snippet, tr("Double-click to replay from here")]
-            if hit.quoted:
-                lines.insert(1, tr("Also contained in %n prompt(s) to the language model.", "", hit.quoted))
-            return "\n".join(lines)
-        return None
-
-    def _heading(self, folder: Path) -> str:
-        places = self._places.get(folder, 0)
-        found = tr("1 match") if places == 1 else tr("%n matches", "", places)
-        return f"{self.session_name(folder)} · {found}"
+def _row(text: str, spoken: str) -> QStandardItem:
+    item = QStandardItem(text)
+    item.setAccessibleText(spoken)
+    item.setEditable(False)
+    return item
 
 
-def _grouped(hits: Sequence[SearchHit], *, after: Path | None = None) -> list[SearchHit | Path]:
-    """The results with the session's folder, as its heading, before the first of each session but ``after``."""
-    rows: list[SearchHit | Path] = []
-    for folder, of_session in itertools.groupby(hits, key=lambda hit: hit.folder):
-        rows += (*([] if folder == after else [folder]), *of_session)
-    return rows
+def _row_of(hit: SearchHit, session: str) -> QStandardItem:
+    at = text_formatting.elapsed(hit.session_s)
+    item = _row(hit.snippet, f"{session}, {at}, {kind_words(hit.kind)}: {hit.snippet}")
+    item.setData(hit, VALUE_ROLE)
+    quoted = tr("Also contained in %n prompt(s) to the language model.", "", hit.quoted) if hit.quoted else ""
+    item.setToolTip("\n".join(filter(None, (hit.snippet, quoted, tr("Double-click to replay from here")))))
+    return item
 
 
 _KINDS = {
@@ -649,7 +546,7 @@ class HitDelegate(RowDelegate):
         super().paint(painter, option, index)
 
     def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
-        hit: SearchHit | None = index.data(_HIT_ROLE)
+        hit: SearchHit | None = index.data(VALUE_ROLE)
         inside, font = rect.adjusted(10, 0, -8, 0), self._theme.font
         if hit is None:
             self.paint_text(painter, inside, str(index.data()), font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "text")

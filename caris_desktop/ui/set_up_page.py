@@ -67,8 +67,7 @@ class StepPage(QWidget):
         self.column = layouts.vbox(self, title, about, margins_px=0, spacing_px=10)
         self.build()
         self.column.addStretch(1)
-        console.state.preflight.changed.connect(self._show_checks)
-        self._show_checks(console.state.preflight.value)
+        console.state.preflight.follow(self._show_checks)
 
     @classmethod
     def of(cls, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
@@ -161,10 +160,8 @@ class CameraPage(StepPage):
 
     def _show_cameras(self, _changed: object = None) -> None:
         names = self.console.state.cameras.value
-        self._camera.clear()
-        for name in names:
-            self._camera.addItem(text_formatting.camera_title(name), name)
-        self._camera.setCurrentIndex(max(0, self._camera.findData(self.console.state.camera.value)))
+        cameras = [(text_formatting.camera_title(name), name) for name in names]
+        self._camera.fill(cameras, self.console.state.camera.value)
         self._camera.setVisible(len(names) > 1)
 
 
@@ -218,13 +215,11 @@ class SoundPage(StepPage):
             return
         self._microphones = QWidget()
         self.add_choice(tr("Microphone"), self._make_microphones(), holder=self._microphones)
-        console.state.robot.changed.connect(self._show_microphone_owner)
-        self._show_microphone_owner(console.state.robot.value)
+        console.state.robot.follow(self._show_microphone_owner)
         self._level = named(QProgressBar(textVisible=False), "first_use_level", tr("Microphone level"))
         self._level.setMaximumWidth(_PICTURE_PX.width())
         self.column.addWidget(self._level)
-        console.state.microphone.changed.connect(self._show_level)
-        self._show_level(console.state.microphone.value)
+        console.state.microphone.follow(self._show_level)
 
     def _make_microphones(self) -> DropDown:
         choice = DropDown(self.theme, "first_use_microphone", tr("Microphone"))
@@ -240,11 +235,9 @@ class SoundPage(StepPage):
         self._microphones.setVisible(participant_microphone(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
-        self._output.clear()
-        for number, choice in enumerate(voice_choices(self.console.state.voice.value)[0]):
-            self._output.addItem(choice.text, choice.intent)
-            if choice.chosen:
-                self._output.setCurrentIndex(number)
+        outputs = voice_choices(self.console.state.voice.value)[0]
+        chosen = next((choice.intent for choice in outputs if choice.chosen), None)
+        self._output.fill([(choice.text, choice.intent) for choice in outputs], chosen)
 
     def _show_level(self, microphone: MicrophoneStatus) -> None:
         # Square root for perceived loudness: quiet speech must show.
@@ -267,15 +260,11 @@ class ModelPage(StepPage):
         self._answer = label("", objectName="first_use_answer")
         self.column.addWidget(self._answer)
         self._asked = False
-        state.assistant_setup.changed.connect(self._show_models)
         state.assistant.changed.connect(self._show_answer)
-        self._show_models(state.assistant_setup.value)
+        state.assistant_setup.follow(self._show_models)
 
     def _show_models(self, setup: AssistantSetup) -> None:
-        self._models.clear()
-        for choice in setup.models:
-            self._models.addItem(f"{choice.title} · {choice.where}" if choice.where else choice.title, choice.model)
-        self._models.setCurrentIndex(max(0, self._models.findData(setup.model)))
+        self._models.fill(text_formatting.models_offered(setup.models), setup.model)
         self._models.setVisible(bool(setup.models))
 
     def _on_ask(self) -> None:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from PySide6.QtCore import QObject, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
@@ -298,7 +299,8 @@ class ShortcutSheet(Overlay):
         find = tr("Find a command or key")
         self.search = line_edit("shortcut_search", find, placeholderText=find, textChanged=self._show_found)
         self.search.setFixedWidth(260)
-        self._reset_all = self._button("shortcut_reset_all", tr("Reset all keys"), self._on_reset_all)
+        button = partial(ActionButton, theme, height_px=32)
+        self._reset_all = button(tr("Reset all keys"), objectName="shortcut_reset_all", clicked=self._on_reset_all)
         top = layouts.hbox(None, (self._heading, 1), self._reset_all, self.search, spacing_px=12)
         self._clashes = label("", "warning", wraps=True, objectName="shortcut_clashes")
         self._nothing = label(tr("No matching entries."), "note", wraps=True, objectName="shortcut_nothing")
@@ -306,9 +308,9 @@ class ShortcutSheet(Overlay):
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._message_label = label(wraps=True, objectName="shortcut_says")
-        self._reassign = self._button("shortcut_reassign", tr("Reassign"), self._on_reassign)
-        self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
-        self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
+        self._reassign = button(tr("Reassign"), objectName="shortcut_reassign", clicked=self._on_reassign)
+        self._remove = button(tr("No key"), objectName="shortcut_remove", clicked=self._on_remove)
+        self._leave = button(tr("Cancel"), objectName="shortcut_leave", clicked=self.stop_asking)
         answers = self._reassign, self._remove, self._leave
         below = layouts.hbox(None, (self._message_label, 1), *answers, spacing_px=8)
         parts = top, self._clashes, self._nothing, (self._scroll, 1), below
@@ -533,6 +535,3 @@ class ShortcutSheet(Overlay):
         self._reassign.set_key("Enter" if reassign else "")
         self._remove.setVisible(remove)
         self._leave.setVisible(waits)
-
-    def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
-        return ActionButton(self._theme, text, height_px=32, objectName=name, clicked=run)

@@ -19,7 +19,6 @@ from caris_desktop.ui.event_messages import checks_summary, open_checks
 from caris_desktop.ui.form_dialog import FormDialog, resize_to
 from caris_desktop.ui.preflight_list import PreflightList
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
 from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
@@ -94,7 +93,6 @@ class StartDialog(FormDialog):
         self._console = console
         self._scenario = console.scenario
         self._microphone_before = console.microphone
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         hint = tr(
             "These details identify the recording. Use codes rather than names for participants. Fields may be empty."
         )
@@ -125,16 +123,11 @@ class StartDialog(FormDialog):
         self._question = label("", "warning", wraps=True, objectName="start_asked")
         for part in (self._room, self._question):
             part.hide()
-        self._begin_button = ActionButton(
-            theme, tr("Start recording"), icon="record", key="Enter", role="primary", height_px=38,
-            objectName="start_dialog_begin", clicked=self._on_begin,
-        )  # fmt: skip
-        skip = ActionButton(
-            theme, tr("Start without details"), height_px=38, objectName="start_dialog_skip", clicked=self._on_skip
+        self._begin_button = self.button(
+            "start_dialog_begin", tr("Start recording"), self._on_begin, icon="record", key="Enter", role="primary"
         )
-        cancel = ActionButton(
-            theme, tr("Cancel"), role="ghost", height_px=38, objectName="start_dialog_cancel", clicked=self.reject
-        )
+        skip = self.button("start_dialog_skip", tr("Start without details"), self._on_skip)
+        cancel = self.button("start_dialog_cancel", tr("Cancel"), self.reject, role="ghost")
         content = QWidget()
         sides = self._sides = QBoxLayout(QBoxLayout.Direction.LeftToRight, content)
         sides.setContentsMargins(_SIDE_PX, 20, _SIDE_PX, 8)
@@ -197,8 +190,7 @@ class StartDialog(FormDialog):
         self._summary = label("", "note", wraps=True, objectName="start_summary")
         heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, self._console)
         layouts.vbox(side, heading, self._summary, (checks, 1), margins_px=0, spacing_px=8)
-        self._checks.changed.connect(self._show_checks)
-        self._show_checks(self._checks.value)
+        self._checks.follow(self._show_checks)
         return side
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:

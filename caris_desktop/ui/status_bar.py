@@ -88,7 +88,6 @@ class KeyOwnerChip(QWidget):
         self._roomy = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self.setToolTip(tr("Shows what the keyboard controls now"))
-        theme.changed.connect(self.update)
         hold.key_owner_changed.connect(self.show_owner)
         self.show_owner(hold.key_owner)
 
@@ -182,7 +181,6 @@ class StatusItem(QWidget):
         """Width in px with its whole text."""
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.hide()
-        theme.changed.connect(self.update)
 
     def say(self, text: str, role: str = "dim", *, icon: str = "", tip: str = "") -> None:
         """Set the text; an empty text hides the item."""

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 
 from PySide6.QtWidgets import QWidget
@@ -14,7 +14,7 @@ from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
-from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
+from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, ModelChoice
 from caris_desktop.people.presence import PersonRow, is_unnamed_label, unnamed_number
 from caris_desktop.robot.profile_model import RobotProfile
 
@@ -499,6 +499,14 @@ def microphone_facts(microphone: MicrophoneStatus) -> str:
 def microphone(name: str) -> str:
     """Microphone name; the system default if empty."""
     return name or tr("System’s default microphone")
+
+
+def models_offered(models: Iterable[ModelChoice]) -> list[tuple[str, str]]:
+    """Title and name of each language model; where it runs, if its title does not end with that."""
+    return [
+        (each.title if each.title.endswith(each.where) else f"{each.title} · {each.where}", each.model)
+        for each in models
+    ]
 
 
 def value_words(control: RobotControl, value: ControlValue) -> str:

@@ -86,7 +86,7 @@ def as_choice(value: object) -> ThemeChoice:
 
 
 class Theme(QObject):
-    """Current colours and fonts. Widgets paint with ``colors`` and repaint on ``changed``."""
+    """Current colours and fonts. Qt repaints every widget for a new style sheet; ``changed`` is for stored colours."""
 
     changed = Signal()
 

@@ -156,7 +156,6 @@ class TopBar(Bar, QWidget):
             self.window_button, self.emergency, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX,
         )  # fmt: skip
         console.state.recording.changed.connect(self._refresh)
-        console.state.drive.changed.connect(self._on_drive_changed)
         console.state.marks.changed.connect(self._show_interval)
         actions.keys_changed.connect(self._show_interval)
         actions.keys_changed.connect(self._make_room)
@@ -166,7 +165,7 @@ class TopBar(Bar, QWidget):
         self._clock.timeout.connect(self._show_interval)
         self._clock.start()
         self.show_scenario()
-        self._on_drive_changed(console.state.drive.value)
+        console.state.drive.follow(self._on_drive_changed)
 
     def show_replay(self, live_robots: LiveValue) -> None:
         """Switch to a replay. The red button is that of the robot driven now, and says so."""
@@ -175,8 +174,7 @@ class TopBar(Bar, QWidget):
         self.scenario_button.setEnabled(False)
         for button in (self.record_button, self.mark_button, self.stretch_button, self._error):
             button.hide()
-        live_robots.changed.connect(self._on_live_robots_changed)
-        self._on_live_robots_changed(live_robots.value)
+        live_robots.follow(self._on_live_robots_changed)
 
     def _on_live_robots_changed(self, live: LiveRobotsStatus) -> None:
         self.emergency.setVisible(bool(live.robots))
@@ -235,9 +233,7 @@ class TopBar(Bar, QWidget):
             level += 1
         trial = self._trial.text() if level < _TRIAL_GOES else ""
         for button, text, name, visible in self._shrinking(level):
-            if button.text() != text:
-                button.set_label(text)
-                button.setAccessibleName(name)
+            button.set_label(text, name=name)
             button.setVisible(visible)
         self._trial.setVisible(bool(trial))
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)

@@ -17,7 +17,7 @@ from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, Recording
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import CheckBox
 from caris_desktop.ui.widgets.popups import DockCard
 from caris_desktop.ui.windows import SessionWindows
@@ -76,30 +76,22 @@ class ResumeTrialCard(DockCard):
         self.text.setObjectName("going_on_text")
         self._boxes: dict[AsBefore, CheckBox] = {}
         for condition, text in _ASKED.items():
-            self._boxes[condition] = CheckBox(
-                theme,
-                tr(text),
-                wraps=True,
-                objectName=f"going_on_{condition}",
-                clicked=partial(self._confirm, condition),
-            )
-        self._yes = self._button("yes", tr("Resume the trial"), lambda: console.do(intents.GoOnWithTrial()), "primary")
-        self._start = self._button("start", tr("Record the next part"), start_recording, "primary", icon="record")
-        self._no = self._button("no", tr("Do not resume"), lambda: console.do(intents.LeaveTrial()), "ghost")
+            confirm = partial(self._confirm, condition)
+            box = CheckBox(theme, tr(text), wraps=True, objectName=f"going_on_{condition}", clicked=confirm)
+            self._boxes[condition] = box
+        button = partial(ActionButton, theme, height_px=38)
+        self._yes = button(tr("Resume the trial"), role="primary", objectName="going_on_yes")
+        self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
+        self._start = button(tr("Record the next part"), icon="record", role="primary", objectName="going_on_start")
+        self._start.clicked.connect(start_recording)
+        self._no = button(tr("Do not resume"), role="ghost", objectName="going_on_no")
+        self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
         layouts.fill(self.column, *self._boxes.values())
         self.column.addSpacing(4)
         self.column.addLayout(layouts.hbox(None, self._no, 1, self._start, self._yes, spacing_px=tokens.GRID_PX))
-        console.state.going_on.changed.connect(self._show)
         for value in (console.state.scenario, console.state.levels, console.state.microphone):
             value.changed.connect(self._show_permissions)
-        self._show(console.state.going_on.value)
-
-    def _button(
-        self, name: str, text: str, run: Callable[[], object], role: ButtonRole, icon: str = ""
-    ) -> ActionButton:
-        return ActionButton(
-            self._theme, text, icon=icon, role=role, height_px=38, objectName=f"going_on_{name}", clicked=run
-        )
+        console.state.going_on.follow(self._show)
 
     def _confirm(self, condition: AsBefore, _checked: bool) -> None:
         self._console.do(intents.ConfirmAsBefore(condition))

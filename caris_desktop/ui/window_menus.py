@@ -245,7 +245,6 @@ class TitleDialog(FormDialog):
         buttons.rejected.connect(self.reject)
         layouts.vbox(self, label(words, wraps=True), self._field, buttons)
         self.setMinimumWidth(420)
-        self.finished.connect(self.deleteLater)
 
     @property
     def title(self) -> str:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
@@ -143,7 +143,6 @@ class RobotChooser(_Windows):
         if dialog is None:
             link: LinkStatus = self._console.state.link.value
             dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
-            dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
             dialog.saved.connect(self._on_saved)
         raise_window(dialog)
 
@@ -363,11 +362,7 @@ class FaceWindows(_Windows):
         """Open the face editor."""
         from caris_desktop.ui.face_window import FaceEditor
 
-        editor = self._window.findChild(FaceEditor)
-        if editor is None:
-            editor = FaceEditor(self._theme, self._console, self._window)
-            editor.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        raise_window(editor)
+        raise_window(self._window.findChild(FaceEditor) or FaceEditor(self._theme, self._console, self._window))
 
     def close(self) -> None:
         for window in (self._face, self._window.findChild(QWidget, "face_editor")):

@@ -65,6 +65,14 @@ def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_value(
     assert rates in (["9.0 Hz", "30.0 Hz", "100.0 Hz"], ["100.0 Hz", "30.0 Hz", "9.0 Hz"])
 
 
+def test_tab_leaves_the_table(qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole) -> None:
+    measure(console, topic("/a", 30.0), topic("/b", 9.0))
+    panel.view.setFocus()
+    qtbot.waitUntil(panel.view.hasFocus)
+    QTest.keyClick(panel.view, Qt.Key.Key_Tab)
+    assert not panel.view.hasFocus()
+
+
 def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPanel, console: FakeConsole) -> None:
     latched = topic("/map", 0.0, last_s=40.0)
     tell(panel, console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))

@@ -7,7 +7,6 @@ from typing import Any, Literal
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import (
-    QApplication,
     QBoxLayout,
     QFrame,
     QLineEdit,
@@ -25,7 +24,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.focus_widget import focused_widget
+from caris_desktop.ui.focus_widget import application, focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.prompt_context_chips import PromptContextChips, choose_model_file, picture_words
 from caris_desktop.ui.theme import Theme
@@ -109,9 +108,7 @@ class AssistantPanel(Panel):
         self._arrange()
         self.watch(self._on_assistant_changed, self.state.assistant.changed)
         self.watch(self._on_setup_changed, self.state.assistant_setup.changed)
-        app = QApplication.instance()
-        if isinstance(app, QApplication):
-            self.watch(self._show_parts, app.focusChanged)
+        self.watch(self._show_parts, application().focusChanged)
         self.update_view()
 
     def _arrange(self) -> None:
@@ -603,10 +600,7 @@ class SetupBar(FlowRow):
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
         self._setup = setup
-        models = [
-            (each.title if each.title.endswith(each.where) else f"{each.title} · {each.where}", each.model)
-            for each in setup.models
-        ]
+        models = text_formatting.models_offered(setup.models)
         self.model.fill([*models, (tr("Add a model file…"), _ADD)], setup.model)
         self.model.setVisible(bool(models))  # none are known before the models were looked for
         pictures = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]

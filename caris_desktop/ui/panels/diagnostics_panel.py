@@ -1,20 +1,15 @@
 """Diagnostics panel: traffic per topic and per link. The only panel with ROS names."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from operator import attrgetter
+from typing import Any
 
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QModelIndex,
-    QSize,
-    QSortFilterProxyModel,
-    Qt,
-    QTimer,
-)
+from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSizePolicy, QTableView, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QSizePolicy, QTableView, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
@@ -30,14 +25,13 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import label, named
-from caris_desktop.ui.widgets.rows import Index
+from caris_desktop.ui.widgets.rows import Column, ColumnModel, Index, set_up_table
 
 _ROOM_FOR_TOTALS_PX = 230
 _SECONDS_TO_BE_USUAL = 3
 _OLD_MEASUREMENT_S = 3.0
 _HEAVY_BYTES_PER_S = 1e6
 _TAKEN_TOGETHER_MS, _NOTHING_TOLD_MS = 200, 1500
-_SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 
 
 class TopicRow(Value):
@@ -121,26 +115,6 @@ def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
     ]
 
 
-class _Column(NamedTuple):
-    """Column of the table. ``number``: by which it is sorted instead of by its text; None for never."""
-
-    title: str
-    tip: str
-    text: Callable[[TopicRow], str]
-    number: Callable[[TopicRow], float | None] | None = None
-
-    @property
-    def alignment(self) -> int:
-        side = Qt.AlignmentFlag.AlignLeft if self.number is None else Qt.AlignmentFlag.AlignRight
-        return int(side | Qt.AlignmentFlag.AlignVCenter)
-
-    def sort_key(self, row: TopicRow) -> float | str:
-        if self.number is None:
-            return self.text(row).casefold()
-        number = self.number(row)
-        return float("inf") if number is None else number
-
-
 def _last_heard(row: TopicRow) -> str:
     return "–" if row.traffic.last_heard_s is None else text_formatting.age(row.traffic.last_heard_s)
 
@@ -154,50 +128,61 @@ def _type(row: TopicRow) -> str:
     return f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type
 
 
+def _texts(title: str, tip: str, text: Callable[[TopicRow], str], width_px: int) -> Column:
+    return Column(title, text, lambda row: text(row).casefold(), width_px, tip=tip)
+
+
+def _numbers(
+    title: str, tip: str, text: Callable[[TopicRow], str], number: Callable[[TopicRow], float | None], width_px: int
+) -> Column:
+    """Column sorted by a number; an unknown one is the largest."""
+
+    def key(row: TopicRow) -> float:
+        value = number(row)
+        return math.inf if value is None else value
+
+    return Column(title, text, key, width_px, right=True, tip=tip)
+
+
 _COLUMNS = (
-    _Column(QT_TR_NOOP("Topic"), QT_TR_NOOP("Name of the topic on the robot"), lambda row: row.traffic.topic),
-    _Column(QT_TR_NOOP("State"), QT_TR_NOOP("Whether messages still arrive at the usual rate"), lambda row: row.state),
-    _Column(
+    _texts(QT_TR_NOOP("Topic"), QT_TR_NOOP("Name of the topic on the robot"), lambda row: row.traffic.topic, 170),
+    _texts(QT_TR_NOOP("State"), QT_TR_NOOP("Whether messages still arrive at the usual rate"), attrgetter("state"), 84),
+    _numbers(
         QT_TR_NOOP("Rate"), QT_TR_NOOP("Messages in the last second"),
-        lambda row: f"{row.traffic.rate_hz:.1f} Hz", lambda row: row.traffic.rate_hz,
+        lambda row: f"{row.traffic.rate_hz:.1f} Hz", attrgetter("traffic.rate_hz"), 66,
     ),
-    _Column(
+    _numbers(
         QT_TR_NOOP("Last"), QT_TR_NOOP("Time since the newest message"),
-        _last_heard, lambda row: row.traffic.last_heard_s,
+        _last_heard, attrgetter("traffic.last_heard_s"), 60,
     ),
-    _Column(
+    _numbers(
         QT_TR_NOOP("Age on arrival"),
         QT_TR_NOOP("Age of the newest message on arrival, from the robot's timestamp and the estimated clock offset"),
-        _age, lambda row: row.traffic.age_ms,
+        _age, attrgetter("traffic.age_ms"), 112,
     ),
-    _Column(
+    _numbers(
         QT_TR_NOOP("Bandwidth"), QT_TR_NOOP("Bytes received over the link in the last second"),
-        lambda row: bandwidth(row.traffic.bytes_per_s), lambda row: row.traffic.bytes_per_s,
+        lambda row: bandwidth(row.traffic.bytes_per_s), attrgetter("traffic.bytes_per_s"), 86,
     ),
-    _Column(
+    _numbers(
         QT_TR_NOOP("Rejected"),
         QT_TR_NOOP("Unusable messages so far: malformed, too large or of another type"),
-        lambda row: str(row.traffic.refused), lambda row: row.traffic.refused,
+        lambda row: str(row.traffic.refused), attrgetter("traffic.refused"), 70,
     ),
-    _Column(QT_TR_NOOP("Type"), QT_TR_NOOP("Message type"), _type),
-    _Column(QT_TR_NOOP("Link"), QT_TR_NOOP("Connection that carries the topic"), lambda row: row.link),
+    _texts(QT_TR_NOOP("Type"), QT_TR_NOOP("Message type"), _type, 210),
+    _texts(QT_TR_NOOP("Link"), QT_TR_NOOP("Connection that carries the topic"), attrgetter("link"), 64),
 )  # fmt: skip
 _TOPIC, _STATE, _LAST, _REFUSED = 0, 1, 3, 6
 
 
-class TrafficModel(QAbstractTableModel):
+class TrafficModel(ColumnModel[TopicRow]):
     """Table model of the latest measurements."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
+        super().__init__(_COLUMNS, parent)
         self._theme = theme
-        self._rows: list[TopicRow] = []
         self._usual_hz: dict[tuple[str, str], float] = {}
         self._lately: dict[tuple[str, str], tuple[int, deque[float]]] = {}
-
-    @property
-    def rows(self) -> tuple[TopicRow, ...]:
-        return tuple(self._rows)
 
     def forget(self) -> None:
         """Reset the usual rates for another robot."""
@@ -212,15 +197,11 @@ class TrafficModel(QAbstractTableModel):
                 key = link, topic.topic
                 usual_hz = self._usual(key, topic.rate_hz, measured.stamp_ns)
                 rows.append(TopicRow(link, topic, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s)))
-        same = [(row.link, row.traffic.topic) for row in rows] == [(row.link, row.traffic.topic) for row in self._rows]
-        if same:
-            self._rows = rows
-            if rows:
-                self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(_COLUMNS) - 1))
-        else:
-            self.beginResetModel()
-            self._rows = rows
-            self.endResetModel()
+        if {(row.link, row.traffic.topic) for row in rows} != {(row.link, row.traffic.topic) for row in self.rows}:
+            self.show_rows(rows)
+        elif rows:
+            self.set_rows(rows)
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(_COLUMNS) - 1))
 
     def _usual(self, key: tuple[str, str], rate_hz: float, stamp_ns: int) -> float:
         """Best rate sustained for some seconds: a latched topic arrives once and is not stale afterwards."""
@@ -232,40 +213,15 @@ class TrafficModel(QAbstractTableModel):
                 self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), min(rates))
         return self._usual_hz.get(key, 0.0)
 
-    def rowCount(self, _parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
-        return len(self._rows)
-
-    def columnCount(self, _parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
-        return len(_COLUMNS)
-
-    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        if orientation != Qt.Orientation.Horizontal:
-            return None
-        match role:
-            case Qt.ItemDataRole.DisplayRole:
-                return tr(_COLUMNS[section].title)
-            case Qt.ItemDataRole.ToolTipRole:
-                return tr(_COLUMNS[section].tip)
-            case Qt.ItemDataRole.TextAlignmentRole:
-                return _COLUMNS[section].alignment
-        return None
-
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        row, column = self._rows[index.row()], index.column()
-        match role:
-            case Qt.ItemDataRole.DisplayRole:
-                return _COLUMNS[column].text(row)
-            case Qt.ItemDataRole.ToolTipRole:
-                return f"{row.traffic.topic}\n{row.traffic.type}\n{row.state}"
-            case Qt.ItemDataRole.TextAlignmentRole:
-                return _COLUMNS[column].alignment
-            case Qt.ItemDataRole.ForegroundRole:
-                if (row.stale and column in (_TOPIC, _STATE, _LAST)) or (column == _REFUSED and row.traffic.refused):
-                    return self._theme.color("amber")
-                return self._theme.color("text" if column == _TOPIC else "dim")
-            case value if value == _SORT_ROLE:
-                return _COLUMNS[column].sort_key(row)
-        return None
+        row, column = self.rows[index.row()], index.column()
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return f"{row.traffic.topic}\n{row.traffic.type}\n{row.state}"
+        if role == Qt.ItemDataRole.ForegroundRole:
+            if (row.stale and column in (_TOPIC, _STATE, _LAST)) or (column == _REFUSED and row.traffic.refused):
+                return self._theme.color("amber")
+            return self._theme.color("text" if column == _TOPIC else "dim")
+        return super().data(index, role)
 
 
 def detection_words(perception: PerceptionStatus) -> list[str]:
@@ -319,28 +275,16 @@ class DiagnosticsPanel(Panel):
         self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.model = TrafficModel(self.theme, self)
-        self._sorted = QSortFilterProxyModel(self)
-        self._sorted.setSourceModel(self.model)
-        self._sorted.setSortRole(_SORT_ROLE)
         self.view = named(QTableView(), "diagnostics_table", tr("Topics of the robot"))
-        self.view.setModel(self._sorted)
+        self.view.setModel(self.model)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)
+        set_up_table(self.view, row_px=24)
         self.view.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self.view.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.view.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.view.setShowGrid(False)
-        self.view.setWordWrap(False)
         self.view.setTextElideMode(Qt.TextElideMode.ElideMiddle)
-        self.view.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.view.verticalHeader().hide()
-        self.view.verticalHeader().setDefaultSectionSize(24)
-        header = self.view.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
-        header.setHighlightSections(False)
-        header.setStretchLastSection(True)
-        for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
-            header.resizeSection(column, width)
+        for number, column in enumerate(_COLUMNS):
+            self.view.setColumnWidth(number, column.width_px)
         nothing = tr("No data from the robot.\nIts topics appear here once data arrives.")
         self._empty = label(nothing, tone="dim", wraps=True, alignment=Qt.AlignmentFlag.AlignCenter)
         self._copy = ActionButton(self.theme, tr("Copy report"), icon="copy", height_px=28, text_px=tokens.STATUS_PX)
@@ -377,15 +321,13 @@ class DiagnosticsPanel(Panel):
             detail=tr(link.detail),
         )
         clock = clock_words(link, state.present.anchor)
-        sorted_rows = (self._sorted.mapToSource(self._sorted.index(at, 0)) for at in range(self._sorted.rowCount()))
-        rows = [self.model.rows[index.row()] for index in sorted_rows]
         lines = [
             robot.rstrip(),
             tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock),
             *totals(state.traffic.value, state.perception.value, state.health.value),
             "",
             "\t".join(tr(column.title) for column in _COLUMNS),
-            *("\t".join(column.text(row) for column in _COLUMNS) for row in rows),
+            *("\t".join(column.text(row) for column in _COLUMNS) for row in self.model.rows),
         ]
         QGuiApplication.clipboard().setText("\n".join(lines) + "\n")
         self._copied_at_s = time.monotonic()

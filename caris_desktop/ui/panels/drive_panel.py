@@ -80,7 +80,6 @@ class Joystick(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, release to stop") if use == "base" else tr("Drag to turn the head"))
-        theme.changed.connect(self.update)
         self._description = ThrottledAccessibleDescription(self, self.command_text)
 
     def command_text(self) -> str:
@@ -329,9 +328,8 @@ class DrivePanel(Panel):
             self._show_now, self.state.drive.changed, self.state.goal.changed, self.hold.motion.held_changed,
             self.hold.key_owner_changed, self.table.keys_changed,
         )  # fmt: skip
-        self.state.robot.changed.connect(self._on_robot_changed)
         self.watch(self._on_head_changed, self.state.look.changed)
-        self._on_robot_changed(self.state.robot.value)
+        self.state.robot.follow(self._on_robot_changed)
 
     def title_widgets(self) -> list[QWidget]:
         return [self._other, self._stop]
@@ -383,9 +381,7 @@ class DrivePanel(Panel):
             self._stick: ("game-controller", tr("Show the stick")),
             self._head: ("eye", tr("Show the head")),
         }[following]  # fmt: skip
-        self._other.set_label("", icon=icon)
-        self._other.setAccessibleName(name)
-        self._other.setToolTip(name)
+        self._other.set_label("", icon=icon, name=name, tip=name)
         self._other.setVisible(len(visible) < len(views))
 
     def _on_other_view(self) -> None:
@@ -479,18 +475,16 @@ class DrivePanel(Panel):
         if drive.guard == "overridden":
             # Next to the arrows only the text fits.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
-            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", role="amber")
-            self._guard.setAccessibleName(tr("Guard is off"))
-            self._guard.setToolTip(
-                tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on.")
-            )
+            self._guard.set_label(
+                tr("Guard off"), icon="" if beside else "shield-slash", role="amber", name=tr("Guard is off"),
+                tip=tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on."),
+            )  # fmt: skip
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label(tr("Guard"), icon=icon, role="plain")
-            self._guard.setAccessibleName(tr("Guard is on"))
-            self._guard.setToolTip(
-                tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off.")
-            )
+            self._guard.set_label(
+                tr("Guard"), icon=icon, role="plain", name=tr("Guard is on"),
+                tip=tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off."),
+            )  # fmt: skip
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
@@ -634,7 +628,6 @@ class HoldArrow(QWidget):
         self.setAccessibleName(tr(_NAMES[action_id]))
         self.setToolTip(tr("{direction}: hold").format(direction=tr(_NAMES[action_id])))
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
         actions.keys_changed.connect(self.update)
         hold.motion.held_changed.connect(self._on_held_changed)
 

@@ -83,8 +83,7 @@ class FacePanel(Panel):
         for chip in self._chips:
             self._fit(chip)
         for button, words in ((self._window, tr("Window")), (self._page, tr("Page"))):
-            button.set_label(words if self.width() >= _NARROW_PX else "")
-            button.setAccessibleName(words)
+            button.set_label(words if self.width() >= _NARROW_PX else "", name=words)
 
     def _show_more(self) -> None:
         """Hide rarely used controls if space is short, except the way back to the face."""

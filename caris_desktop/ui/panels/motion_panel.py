@@ -126,11 +126,10 @@ class MotionPanel(Panel):
         layout.addWidget(self._odometry_line)
         self.state.event_happened.connect(self._on_event)
         self.state.odometry.changed.connect(self._on_odometry_changed)
-        self.state.drive.changed.connect(self._on_drive_changed)
         self.theme.changed.connect(self._style)
         self._redraw = self.every(_REDRAW_MS, self._draw)
         self._style()
-        self._on_drive_changed(self.state.drive.value)
+        self.state.drive.follow(self._on_drive_changed)
         self._draw()
 
     def title_widgets(self) -> list[QWidget]:

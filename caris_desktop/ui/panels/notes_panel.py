@@ -130,8 +130,8 @@ class NotesPanel(Panel):
             unfolded = self.height() >= _ROOMY_PX and not self.state.notes.value
         show_part(text, unfolded and bool(text.toPlainText()))
         icon = "caret-down" if unfolded else "caret-right"
-        self._fold.set_label(tr("Scenario"), icon=icon)
-        self._fold.setAccessibleName(tr("Hide the scenario's notes") if unfolded else tr("Show the scenario's notes"))
+        name = tr("Hide the scenario's notes") if unfolded else tr("Show the scenario's notes")
+        self._fold.set_label(tr("Scenario"), icon=icon, name=name)
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from functools import partial
+from functools import lru_cache, partial
 from operator import attrgetter
 
 from PySide6.QtCore import (
@@ -240,7 +240,7 @@ class PhotoDelegate(RowDelegate):
     def __init__(self, theme: Theme, view: PhotoGrid) -> None:
         super().__init__(theme, view)
         self._view = view
-        self._pictures: dict[bytes, QImage] = {}
+        self._picture = lru_cache(maxsize=400)(image_of)
 
     def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return _TILE
@@ -256,7 +256,7 @@ class PhotoDelegate(RowDelegate):
             draw_icon(painter, QRectF(ground.center().x() - 14, ground.center().y() - 14, 28, 28), "trash",
                       theme.color("video_dim"))  # fmt: skip
         else:
-            picture = self._picture(photo)
+            picture = self._picture(photo.thumbnail_jpeg)
             size = picture.size().scaled(ground.size(), Qt.AspectRatioMode.KeepAspectRatio)
             left, top = ground.center().x() - size.width() // 2, ground.center().y() - size.height() // 2
             painter.drawImage(QRect(left, top, size.width(), size.height()), picture)
@@ -271,14 +271,6 @@ class PhotoDelegate(RowDelegate):
         for number, (text, font, role) in enumerate(lines):
             line = QRect(tile.left() + 2, ground.bottom() + 3 + 18 * number, tile.width() - 4, 18)
             self.paint_text(painter, line, text, font, role)
-
-    def _picture(self, photo: PhotoEntry) -> QImage:
-        picture = self._pictures.get(photo.thumbnail_jpeg)
-        if picture is None:
-            if len(self._pictures) > 400:
-                self._pictures.clear()
-            picture = self._pictures[photo.thumbnail_jpeg] = image_of(photo.thumbnail_jpeg)
-        return picture
 
 
 class LargePhoto(QWidget):

@@ -74,7 +74,6 @@ class RobotPanel(Panel):
         self._stack.addWidget(self._scroll)
         layouts.vbox(self, self._reason, (holder, 1), margins_px=(2, 0, 2, 2), spacing_px=0)
         self._reason.setContentsMargins(12, 8, 12, 0)
-        self.state.controls.changed.connect(self._on_controls_changed)
         self.state.control_states.changed.connect(self._on_states_changed)
         self.state.readings.changed.connect(self._on_readings_changed)
         self.state.readings.freshness_changed.connect(self._on_readings_freshness_changed)
@@ -82,7 +81,7 @@ class RobotPanel(Panel):
         self.state.drive.changed.connect(self._on_drive_changed)
         self.state.robot.changed.connect(self._refresh)
         self.hold.escape_pressed.connect(self._on_escape)
-        self._on_controls_changed(self.state.controls.value)
+        self.state.controls.follow(self._on_controls_changed)
 
     def fit(self) -> None:
         for block in self._groups:

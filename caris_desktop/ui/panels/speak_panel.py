@@ -708,9 +708,7 @@ class PhraseRows(QWidget):
                 spec = None if spec.argument in on_keys[:PHRASE_COUNT] else spec
             chip.setVisible(spec is not None)
             if spec is not None:
-                chip.set_label(label)
-                chip.setAccessibleName(spec.text)
-                chip.setToolTip(spec.text)
+                chip.set_label(label, name=spec.text, tip=spec.text)
                 chip.set_key(self._actions.key_text(action_id), self._actions.key_texts(action_id))
         self._flow.updateGeometry()
 

@@ -420,10 +420,8 @@ class RowControls(QAbstractButton):
             control = before.pop(button.act) if button.act in before else self._new_button(button.act)
             self.buttons[button.act] = control
             role: ButtonRole = "amber" if button.act in ("yes", "same") else "plain" if button.text else "bare"
-            control.set_label(button.text, icon=button.icon, role=role)
+            control.set_label(button.text, icon=button.icon, role=role, name=button.tip, tip=wrapped_tip(button.tip))
             control.set_key(button.key)
-            control.setAccessibleName(button.tip)
-            control.setToolTip(wrapped_tip(button.tip))
             control.show()
         for gone in before.values():
             layouts.discard(gone)

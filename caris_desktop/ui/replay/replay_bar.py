@@ -99,10 +99,8 @@ class ReplayBar(QWidget):
         self._row = layouts.hbox(None, self._left, middle, self._right, margins_px=(8, 0, 8, 0))
         self._column = layouts.vbox(self, self._row, spacing_px=0)
         self._arrange()
-        replay.playback.changed.connect(self._on_playback_changed)
-        replay.overview.changed.connect(self._on_overview_changed)
-        self._on_playback_changed(replay.playback.value)
-        self._on_overview_changed(replay.overview.value)
+        replay.playback.follow(self._on_playback_changed)
+        replay.overview.follow(self._on_overview_changed)
 
     def set_one_line(self, one_line: bool) -> None:
         """Use a single line with keys in tooltips; in a small window the video needs the space."""
@@ -214,9 +212,8 @@ class ReplayBar(QWidget):
         if (label, self._one_line) == self._play_shown:
             return
         self._play_shown = label, self._one_line
-        button.set_label("" if self._one_line else label, icon="pause" if playing else "play")
-        button.setAccessibleName(label)
-        button.setToolTip(label if self._one_line else "")
+        text, tip = ("", label) if self._one_line else (label, "")
+        button.set_label(text, icon="pause" if playing else "play", name=label, tip=tip)
         # Fixed width for both texts, so that nothing moves.
         button.setFixedWidth(max(44, *map(button.width_with, ("", "") if self._one_line else words)))
 

@@ -48,7 +48,6 @@ class _Dialog(FormDialog):
 
     def __init__(self, theme: Theme, parent: QWidget, name: str, title: str, size: QSize) -> None:
         super().__init__(theme, parent, f"{name}_dialog", title)
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._name = name
         self._size = size
         self.column = layouts.vbox(self, margins_px=24, spacing_px=16)
@@ -85,15 +84,15 @@ class _Dialog(FormDialog):
         field.setCurrentText(coder)
         return field
 
-    def add_buttons(self, leave: str, button: ActionButton, run: Callable[[], object]) -> None:
+    def add_buttons(self, leave: str, button: ActionButton) -> None:
         """Add the refusal, ``button``, which runs the dialog, and one that leaves it."""
         self._refusal = self.labelled("", "refusal", "warning")
         self._refusal.hide()
-        cancel = ActionButton(self._theme, leave, role="ghost", height_px=40, objectName=f"{self._name}_cancel")
-        cancel.clicked.connect(self.reject)
-        button.clicked.connect(run)
-        buttons = layouts.hbox(None, cancel, 1, button)
-        self.column.addLayout(buttons)
+        cancel = self.button(f"{self._name}_cancel", leave, self.reject, role="ghost", height_px=40)
+        self.column.addLayout(layouts.hbox(None, cancel, 1, button))
+
+    def _primary(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
+        return self.button(name, text, run, icon="check", key="Enter", role="primary", height_px=40)
 
     def refuse(self, refusal: str) -> None:
         """Show the reason why the dialog stays open; close it if there is none."""
@@ -208,9 +207,7 @@ class TierDialog(_Dialog):
         form.setRowVisible(self._coder, tier is None)
         self._list.setMinimumHeight(120)
         text = tr("Add tier") if tier is None else tr("Change")
-        save = ActionButton(theme, text, icon="check", key="Enter", role="primary", height_px=40)
-        save.setObjectName("tier_save")
-        self.add_buttons(tr("Cancel"), save, self._on_save)
+        self.add_buttons(tr("Cancel"), self._primary("tier_save", text, self._on_save))
         self._on_labels_chosen()
         (self._name_field if self._coder.currentText() else self._coder).setFocus(Qt.FocusReason.OtherFocusReason)
 
@@ -292,15 +289,12 @@ class ImportDialog(_Dialog):
         )
         self.path_field = named(QLineEdit(), "import_path", tr("File"))
         self.path_field.returnPressed.connect(self._on_import)
-        browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36, objectName="import_browse")
-        browse.clicked.connect(self.browse)
+        browse = self.button("import_browse", tr("Browse"), self.browse, icon="folder-open", height_px=36)
         path = layouts.hbox(None, (self.path_field, 1), browse, spacing_px=8)
         self._coder = self.coder_field(coders, "", tr("initials; empty: from the file"))
         self.add_form((tr("Coder"), self._coder)).insertRow(0, tr("File"), path)
         self.column.addStretch(1)
-        take = ActionButton(theme, tr("Import"), icon="check", key="Enter", role="primary", height_px=40)
-        take.setObjectName("import_take")
-        self.add_buttons(tr("Cancel"), take, self._on_import)
+        self.add_buttons(tr("Cancel"), self._primary("import_take", tr("Import"), self._on_import))
 
     def browse(self) -> None:
         kinds = ((tr("Annotations ({files})"), _FORMATS), (tr("All files ({files})"), "*"))
@@ -404,8 +398,8 @@ class AgreementDialog(_Dialog):
         self.column.addWidget(self._table, 1)
         self.column = outer
         self.column.addWidget(Scrolled(content), 1)
-        self._copy = ActionButton(theme, tr("Copy report"), icon="copy", height_px=40, objectName="agreement_copy")
-        self.add_buttons(tr("Close"), self._copy, self._on_copy)
+        self._copy = self.button("agreement_copy", tr("Copy report"), self._on_copy, icon="copy", height_px=40)
+        self.add_buttons(tr("Close"), self._copy)
         self._compare()
 
     def _compare(self) -> None:

@@ -115,13 +115,10 @@ class TimelineView(QWidget):
         layouts.vbox(self, self._make_header(), (middle, 1), self.strip, margins_px=(0, 0, 0, 1), spacing_px=0)
         self.canvas.selection_changed.connect(self._on_selection_changed)
         self.canvas.view_changed.connect(self._on_view_changed)
-        replay.overview.changed.connect(self._on_overview_changed)
         replay.coding.changed.connect(self._on_coding_changed)
-        replay.playback.changed.connect(self._on_playback_changed)
-        theme.changed.connect(self.update)
         self._show_session()
-        self._on_overview_changed(replay.overview.value)
-        self._on_playback_changed(replay.playback.value)
+        replay.overview.follow(self._on_overview_changed)
+        replay.playback.follow(self._on_playback_changed)
         self.setFocusProxy(self.canvas)
 
     def _make_header(self) -> QWidget:
@@ -178,11 +175,8 @@ class TimelineView(QWidget):
         show_part(self._drawer, opened is not None)
         name = tr("Back to the picture and the panels") if opened else tr("Open the timeline")
         icon = "caret-double-down" if opened else "caret-double-up"
-        self._drawer.set_label("" if opened else tr("Open"), icon=icon, role="amber")
-        self._drawer.setAccessibleName(name)
-        self._drawer.setToolTip(
-            name if opened else tr("Open the timeline over the panels: not enough room for both")
-        )  # fmt: skip
+        tip = name if opened else tr("Open the timeline over the panels: not enough room for both")
+        self._drawer.set_label("" if opened else tr("Open"), icon=icon, role="amber", name=name, tip=tip)
         self.setMinimumHeight(TITLE_HEIGHT_PX if shut else _LOWEST_PX)
         self.setMaximumHeight(TITLE_HEIGHT_PX if shut else _NO_LIMIT_PX)
         self._use_room()
@@ -197,8 +191,7 @@ class TimelineView(QWidget):
         self._across.setVisible(not low)
         for button in self._named_buttons:
             name = button.accessibleName()
-            button.set_label(name if self.width() >= 1040 else "")
-            button.setAccessibleName(name)
+            button.set_label(name if self.width() >= 1040 else "", name=name)
 
     # ---- display
 
@@ -559,8 +552,7 @@ class CodingStrip(QWidget):
     def _fit(self) -> None:
         narrow = self.width() < _NARROW_BELOW_PX
         for button, (_, icon, text) in zip(self._edits, _EDITS, strict=True):
-            button.set_label("" if narrow else tr(text), icon=icon if narrow else "")
-            button.setAccessibleName(tr(text))
+            button.set_label("" if narrow else tr(text), icon=icon if narrow else "", name=tr(text))
             button.set_key_shown(not narrow)
         words_px = min(_MOST_WORDS_PX, self._words.sizeHint().width() + 2)
         self._words.setMaximumWidth(words_px)

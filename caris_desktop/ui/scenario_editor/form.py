@@ -833,8 +833,8 @@ class EntryRow(FormPart):
             else:
                 others = (value_at(data, (key.name,)) for key in keys_of(self.group)[1:])
                 words = " · ".join(value for value in others if isinstance(value, str) and value) or tr("More")
-            self._toggle.set_label(words, icon="caret-down" if self._open else "caret-right")
-            self._toggle.setAccessibleName(self.context.spoken(words))
+            icon = "caret-down" if self._open else "caret-right"
+            self._toggle.set_label(words, icon=icon, name=self.context.spoken(words))
         if self._robot_button is not None:
             known = self.context.robot_pose() is not None
             self._robot_button.setEnabled(known)

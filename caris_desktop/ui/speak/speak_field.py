@@ -20,8 +20,8 @@ from PySide6.QtWidgets import QFrame, QPlainTextEdit, QTextEdit
 from caris_desktop.domain.events import VoiceOutput
 from caris_desktop.domain.intents import SetVoice
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import VoiceStatus
+from caris_desktop.ui.menus import SettingChoice
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.labels import KeyCap
 
@@ -39,24 +39,16 @@ _ID_OF_NORMAL_SPEED = "At usual speed"  # in the usage history, however it is wo
 _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), (1.0, QT_TR_NOOP("At full volume")))
 
 
-class VoiceLine(Value):
-    """Menu entry. ``chosen``: the current value. ``id`` does not depend on language."""
-
-    id: str
-    text: str
-    chosen: bool
-    intent: SetVoice
-
-
-def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
+def voice_choices(voice: VoiceStatus) -> list[list[SettingChoice]]:
     """Entries by group; those of this computer's voice only if it is used."""
 
-    def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> VoiceLine:
+    def choice(known_as: str, *, text: str = "", chosen: bool, **changes: object) -> SettingChoice:
         now: dict[str, object] = {
             "output": voice.output, "name": voice.name, "language": voice.language, "rate": voice.rate,
             "volume": voice.volume,
         }  # fmt: skip
-        return VoiceLine(known_as, text or tr(known_as), chosen, SetVoice(**{**now, **changes}))  # type: ignore[arg-type]
+        intent = SetVoice(**{**now, **changes})  # type: ignore[arg-type]
+        return SettingChoice(text or tr(known_as), intent, chosen, id=known_as)
 
     groups = [[choice(text, chosen=voice.output == output, output=output) for output, text in _OUTPUTS]]
     if voice.output == "robot":

@@ -78,7 +78,6 @@ class ActionButton(QAbstractButton):
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
 
     @property
     def may_shrink(self) -> bool:
@@ -137,14 +136,19 @@ class ActionButton(QAbstractButton):
             self.update()
 
     def set_label(
-        self, text: str, *, icon: str | None = None, dot: str | None = None, role: ButtonRole | None = None
-    ) -> None:
-        """Set text and look; ``dot``: colour role of a dot in place of the icon."""
+        self, text: str, *, icon: str | None = None, dot: str | None = None, role: ButtonRole | None = None,
+        name: str = "", tip: str | None = None,
+    ) -> None:  # fmt: skip
+        """Set text and look; ``dot``: colour role of a dot in place of the icon. ``name``: accessible name, if it is
+        not the text.
+        """
+        if tip is not None:
+            self.setToolTip(tip)
         label = (text, self._icon_name if icon is None else icon, dot, self._role if role is None else role)
-        if label == (self.text(), self._icon_name, self._dot, self._role):
+        if label == (self.text(), self._icon_name, self._dot, self._role) and name in ("", self.accessibleName()):
             return
         self.setText(text)
-        self.setAccessibleName(text)
+        self.setAccessibleName(name or text)
         self._dot = dot
         if icon is not None:
             self._icon_name = icon
@@ -354,7 +358,6 @@ class StatusButton(QAbstractButton):
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.setToolTip(tip)
-        theme.changed.connect(self.update)
 
     def show_words(self, text: str, icon: str, role: str, *, spoken: str) -> None:
         """Set the text; ``spoken``: its accessible name."""

@@ -84,7 +84,6 @@ class SmallPicture(QAbstractButton):
         self._frame: FrameRef | None = None
         self._taken_s = -math.inf
         self._description = ""
-        theme.changed.connect(self.update)
         self._stream = panel.state.frame_of(camera)
         self._stream.changed.connect(self._on_frame_changed)
         self._stream.freshness_changed.connect(self._on_freshness_changed)
@@ -230,7 +229,6 @@ class CameraStrip(QWidget):
         self._place = NO_PLACE
         self._row = layouts.hbox(self, 1, 1, margins_px=_GAP_PX, spacing_px=_GAP_PX)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        theme.changed.connect(self.update)
         self.hide()
 
     @property

@@ -183,7 +183,6 @@ class FrameView(QWidget):
         self.setAccessibleName(tr("Picture from the robot's camera"))
         # Every pixel is painted, so Qt need not paint what lies below.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        theme.changed.connect(self.update)
 
     @property
     def frame(self) -> FrameRef | None:

@@ -115,7 +115,6 @@ class CheckBox(QCheckBox):
             self.setSizePolicy(policy)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMinimumHeight(BOX_PX + 6)
-        theme.changed.connect(self.update)
 
     def sizeHint(self) -> QSize:
         width = QFontMetricsF(self.font()).horizontalAdvance(self.text())

@@ -79,7 +79,6 @@ class IconLabel(QWidget):
         super().__init__()
         self._theme, self._name, self._role = theme, name, role
         self.setFixedSize(size_px, size_px)
-        theme.changed.connect(self.update)
 
     def show_icon(self, name: str, role: str) -> None:
         self._name, self._role = name, role

@@ -1,9 +1,9 @@
-"""Rows of lists by key, as items of a model or as widgets; delegate and table view for painted rows."""
+"""Rows of lists by key, as items of a model or as widgets; sorted tables; delegate and view for painted rows."""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from PySide6.QtCore import QModelIndex, QObject, QPersistentModelIndex, QRect, QRectF, Qt
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersistentModelIndex, QRect, QRectF, Qt
 from PySide6.QtGui import QFont, QFontMetrics, QPainter, QPen, QStandardItem, QStandardItemModel
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 
@@ -105,6 +106,93 @@ def show_rows(column: QBoxLayout, rows: dict[str, Row], keys: Sequence[str], mak
 
 
 Index = QModelIndex | QPersistentModelIndex
+
+
+class Column(NamedTuple):
+    """Column of a table. ``key``: by which it is sorted; ``right``: aligned there, as numbers are."""
+
+    title: str
+    text: Callable[[Any], str]
+    key: Callable[[Any], Any]
+    width_px: int
+    right: bool = False
+    tip: str = ""
+
+
+class ColumnModel(QAbstractTableModel, Generic[Shown]):
+    """Values as rows with ``columns``, sorted by one of them."""
+
+    def __init__(self, columns: Sequence[Column], parent: QObject) -> None:
+        super().__init__(parent)
+        self._columns = columns
+        self._sorted_by, self._order = 0, Qt.SortOrder.AscendingOrder
+        self.rows: list[Shown] = []
+
+    def show_rows(self, rows: Iterable[Shown]) -> None:
+        self.beginResetModel()
+        self.set_rows(rows)
+        self.endResetModel()
+
+    def set_rows(self, rows: Iterable[Shown]) -> None:
+        """Set and sort the values. The caller reports the change."""
+        key, descending = self._columns[self._sorted_by].key, self._order == Qt.SortOrder.DescendingOrder
+        self.rows = sorted(rows, key=key, reverse=descending)
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        self.layoutAboutToBeChanged.emit()
+        before = self.persistentIndexList()
+        values = [(self.rows[index.row()], index.column()) for index in before]
+        self._sorted_by, self._order = column, order
+        self.set_rows(self.rows)
+        places = {id(value): row for row, value in enumerate(self.rows)}
+        self.changePersistentIndexList(before, [self.index(places[id(value)], at) for value, at in values])
+        self.layoutChanged.emit()
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self.rows)
+
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self._columns)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        if orientation != Qt.Orientation.Horizontal:
+            return None
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return tr(self._columns[section].title)
+            case Qt.ItemDataRole.ToolTipRole:
+                return tr(self._columns[section].tip)
+        return self._alignment(section, role)
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        if role == Qt.ItemDataRole.DisplayRole:
+            return self._columns[index.column()].text(self.rows[index.row()])
+        return self._alignment(index.column(), role)
+
+    def _alignment(self, column: int, role: int) -> int | None:
+        if role != Qt.ItemDataRole.TextAlignmentRole:
+            return None
+        side = Qt.AlignmentFlag.AlignRight if self._columns[column].right else Qt.AlignmentFlag.AlignLeft
+        return int(side | Qt.AlignmentFlag.AlignVCenter)
+
+
+def set_up_table(view: QTableView, *, row_px: int) -> None:
+    """Set up a read-only table with rows of equal height, which Tab leaves."""
+    view.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+    view.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+    view.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+    view.setShowGrid(False)
+    view.setWordWrap(False)
+    view.setTabKeyNavigation(False)
+    view.horizontalHeader().setHighlightSections(False)
+    view.horizontalHeader().setStretchLastSection(True)
+    rows = view.verticalHeader()
+    rows.hide()
+    rows.setMinimumSectionSize(row_px)
+    rows.setDefaultSectionSize(row_px)
+    rows.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)  # Qt need not measure hundreds of rows
+
+
 _TAG_PX = 17
 
 
@@ -167,14 +255,7 @@ class FastTableView(QTableView):
     def __init__(self, *, row_px: int) -> None:
         super().__init__()
         set_up_list(self)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
+        set_up_table(self, row_px=row_px)
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self.setWordWrap(False)
         self.horizontalHeader().hide()
         self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        rows = self.verticalHeader()
-        rows.hide()
-        rows.setMinimumSectionSize(row_px)
-        rows.setDefaultSectionSize(row_px)
-        rows.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
