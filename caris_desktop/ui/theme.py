@@ -274,6 +274,16 @@ QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::su
 QWidget[role="popup"] {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {tokens.PANEL_RADIUS_PX}px;
 }}
+QWidget[role="panel_title"], QWidget[role="panel"] {{ background: {colors.panel}; border: 1px solid {colors.line}; }}
+QWidget[role="panel_title"] {{
+    border-top-left-radius: {tokens.PANEL_RADIUS_PX}px; border-top-right-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QWidget[role="panel"] {{
+    border-top: 0;
+    border-bottom-left-radius: {tokens.PANEL_RADIUS_PX}px; border-bottom-right-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QWidget[role="panel_title"][active="true"], QWidget[role="panel"][active="true"] {{ border-color: {colors.blue}; }}
+QWidget[role="panel_title"][active="true"] {{ border-bottom-color: {colors.line}; }}
 QWidget#practice_strip {{
     background: {colors.panel}; border: 1px solid {colors.blue}; border-radius: {tokens.PANEL_RADIUS_PX}px;
     margin: 1px 8px;

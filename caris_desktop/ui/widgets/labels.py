@@ -3,7 +3,7 @@
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QFontMetricsF, QGuiApplication, QPainter, QPaintEvent, QPalette, QPen
 from PySide6.QtWidgets import QLabel, QLineEdit, QSizePolicy, QWidget
 
 from caris_desktop.ui import tokens
@@ -52,6 +52,9 @@ def restyle(widget: QWidget, **properties: object) -> None:
 class ElidedLabel(QLabel):
     """Label whose lines are elided; its tooltip has the whole text."""
 
+    lead: int | None = None
+    """Number of characters of a right-aligned line, the rest of which is dimmed."""
+
     def __init__(self, *, role: str = "", tone: str = "", **qt: Any) -> None:
         super().__init__(**qt)
         self.setProperty("role", role)
@@ -68,8 +71,14 @@ class ElidedLabel(QLabel):
         rect = self.contentsRect()
         metrics, right = self.fontMetrics(), Qt.TextElideMode.ElideRight
         text = "\n".join(metrics.elidedText(line, right, rect.width()) for line in self.text().split("\n"))
+        flags = int(self.alignment() | Qt.AlignmentFlag.AlignVCenter)
+        if self.lead is not None:
+            rest, text = text[self.lead :], text[: self.lead]
+            painter.setPen(QGuiApplication.palette().color(QPalette.ColorRole.PlaceholderText))
+            painter.drawText(rect, flags, rest)
+            rect.setRight(rect.right() - metrics.horizontalAdvance(rest))
         painter.setPen(self.palette().color(self.foregroundRole()))
-        painter.drawText(rect, int(self.alignment() | Qt.AlignmentFlag.AlignVCenter), text)
+        painter.drawText(rect, flags, text)
 
 
 class IconLabel(QWidget):
