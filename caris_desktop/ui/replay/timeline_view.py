@@ -32,6 +32,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, show_part
 from caris_desktop.ui.replay.replay_bar import ReplayBar, Thumbnails
 from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
@@ -608,8 +609,8 @@ class ReplayWidgets(QObject):
         middle.setStretchFactor(1, 0)
         middle.setSizes(list(_PANELS_AND_TIMELINE_PX))
         column.insertWidget(column.indexOf(status_bar), self._bar)
-        for watched in (self._window, middle):
-            watched.installEventFilter(self)
+        for watched, use_size in ((self._window, self._use_window_size), (middle, self._use_room)):
+            EventWatch(self, use_size, QEvent.Type.Resize).add(watched)
         # Otherwise the window could be shrunk only in steps.
         self._window.setMinimumHeight(_LOWEST_WINDOW_PX)
         self._use_window_size()
@@ -627,14 +628,6 @@ class ReplayWidgets(QObject):
         """Take the focus: no field gets typed keys in a replay, and Space plays."""
         taker = self._window if self._drawer and not self._timeline_open else self.timeline
         taker.setFocus(Qt.FocusReason.OtherFocusReason)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Resize:
-            if watched is self._window:
-                self._use_window_size()
-            elif watched is self._middle:
-                self._use_room()
-        return False
 
     def _use_window_size(self) -> None:
         small = self._window.width() < _SMALL_BELOW_PX[0] or self._window.height() < _SMALL_BELOW_PX[1]
