@@ -262,6 +262,8 @@ QProgressBar {{
     background: {colors.raised}; border: 0; border-radius: 4px; min-height: 8px; max-height: 8px;
 }}
 QProgressBar::chunk {{ background: {colors.blue}; border-radius: 4px; }}
+QProgressBar#hold_progress {{ background: transparent; min-height: 4px; max-height: 4px; margin: 0 3px; }}
+QProgressBar#hold_progress::chunk {{ background: {colors.amber}; border-radius: 2px; }}
 QSplitter::handle:vertical {{ height: 8px; background: transparent; }}
 QScrollBar:vertical {{ width: 10px; background: transparent; margin: 0; }}
 QScrollBar:horizontal {{ height: 10px; background: transparent; margin: 0; }}
@@ -340,7 +342,7 @@ QLabel#person_card_name {{ font-size: {tokens.BODY_PX + 2}px; font-weight: {toke
 QTableView#person_history {{ font-size: {status}px; }}
 QLabel[role="fine"] {{ color: {colors.dim}; }}
 QLabel[role="title"], QLabel[role="heading"], QLabel[role="time"] {{ font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
-QLabel[role="heading"], QLabel[role="time"] {{ font-size: {tokens.SPEECH_PX}px; }}
+QLabel[role="heading"], QLabel[role="time"], QLabel#completion {{ font-size: {tokens.SPEECH_PX}px; }}
 QLabel[role="medium"] {{ font-weight: {tokens.WEIGHT_MEDIUM}; }}
 QTextBrowser#help_page {{ background: {colors.panel}; border: 0; padding: 4px 4px 4px 14px; }}
 QWidget#export_dialog {{ background: {colors.panel}; }}
@@ -465,11 +467,14 @@ def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -
 
 
 def icon(name: str, color: QColor | str, size_px: int = 18) -> QIcon:
-    pixmap = QPixmap(2 * size_px, 2 * size_px)
-    pixmap.setDevicePixelRatio(2.0)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
-    painter.end()
-    return QIcon(pixmap)
+    made = QIcon()
+    for ratio in (1, 2):
+        pixmap = QPixmap(ratio * size_px, ratio * size_px)
+        pixmap.setDevicePixelRatio(ratio)
+        pixmap.fill(Qt.GlobalColor.transparent)
+        painter = QPainter(pixmap)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
+        painter.end()
+        made.addPixmap(pixmap)
+    return made

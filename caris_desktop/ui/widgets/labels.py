@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QGuiApplication, QPainter, QPai
 from PySide6.QtWidgets import QLabel, QLineEdit, QSizePolicy, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme, icon
 
 FIELD_PX = 36
 Named = TypeVar("Named", bound=QWidget)
@@ -81,24 +81,25 @@ class ElidedLabel(QLabel):
         painter.drawText(rect, flags, text)
 
 
-class IconLabel(QWidget):
+class IconLabel(QLabel):
     """Icon of a fixed size beside the text that says what it means."""
 
     def __init__(self, theme: Theme, name: str = "", role: str = "dim", *, size_px: int = 18) -> None:
         super().__init__()
         self._theme, self._name, self._role = theme, name, role
         self.setFixedSize(size_px, size_px)
-        theme.changed.connect(self.update)
+        theme.restyle_on_change(self._draw)
 
     def show_icon(self, name: str, role: str) -> None:
-        self._name, self._role = name, role
-        self.update()
+        if (name, role) != (self._name, self._role):
+            self._name, self._role = name, role
+            self._draw()
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
+    def _draw(self) -> None:
         if self._name:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            draw_icon(painter, QRectF(self.rect()), self._name, self._theme.color(self._role))
+            self.setPixmap(icon(self._name, self._theme.color(self._role), self.width()).pixmap(self.size()))
+        else:
+            self.clear()
 
 
 HEIGHT_PX = 20
