@@ -326,6 +326,20 @@ QFrame#curve_round_trip {{ border: 0; border-top: 2px solid {colors.blue}; }}
 QFrame#curve_video {{ border: 0; border-top: 2px dashed {colors.green}; }}
 QFrame#curve_lidar {{ border: 0; border-top: 2px dotted {colors.amber}; }}
 Overlay {{ background: {colors.shadow}; }}
+QFrame#sign {{ margin: 1px; border: 1px solid {colors.line}; padding: 1px; border-radius: {radius}px; }}
+QFrame#sign[tone="half"] {{ background: {colors.amber_soft}; border: 2px dashed {colors.amber}; padding: 0; }}
+QFrame#sign[tone="blue"] {{ background: {colors.blue}; border-color: {colors.blue}; }}
+QFrame#sign[tone="green"] {{ background: {colors.green}; border-color: {colors.green}; }}
+QLabel#sign_word[tone="panel"] {{ color: {colors.panel}; }}
+QFrame#key_owner_pill {{ background: {colors.raised}; border: 1px solid {colors.line}; border-radius: 11px; }}
+QFrame#key_owner_pill[tone="blue"] {{ background: {colors.blue_soft}; border-color: {colors.blue}; }}
+QFrame#key_owner_pill[tone="amber"] {{ background: {colors.amber_soft}; border-color: {colors.amber}; }}
+QLabel#step_dot {{
+    background: {colors.raised}; border: 1px solid {colors.dim}; border-radius: 11px;
+    font-size: {status - 2}px; font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QLabel#step_dot[tone="green"] {{ border-color: {colors.green}; }}
+QLabel#step_dot[tone="blue"] {{ border: 2px solid {colors.blue}; }}
 QWidget[role="card"] {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: 12px;
 }}

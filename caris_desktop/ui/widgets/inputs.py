@@ -1,7 +1,7 @@
 """Line edits, text fields, check boxes and drop-downs that interrupt neither typing nor driving."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from PySide6.QtCore import QEvent, QRect, QRectF, QSize, Qt, Signal
@@ -46,6 +46,33 @@ class SubmitLineEdit(QLineEdit):
         super().keyPressEvent(event)
         if event.key() != Qt.Key.Key_Escape:
             event.accept()
+
+
+class CommandLineEdit(QLineEdit):
+    """Field in which some keys are commands of its owner: ``command_of`` returns theirs, and something false for all
+    other keys.
+    """
+
+    commanded = Signal(object)
+    left = Signal()
+
+    def __init__(self, command_of: Callable[[QKeyEvent], object], **qt: Any) -> None:
+        """``qt``: properties and signals of Qt."""
+        super().__init__(**qt)
+        self._command_of = command_of
+
+    def event(self, event: QEvent) -> bool:
+        pressed = event.type() in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress)
+        if pressed and isinstance(event, QKeyEvent) and (command := self._command_of(event)):
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self.commanded.emit(command)
+            return True
+        return super().event(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self.left.emit()
 
 
 class SubmitTextEdit(QPlainTextEdit):
