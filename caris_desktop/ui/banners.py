@@ -18,6 +18,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.accessibility import announce
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.dock_area import DockArea
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.focus_widget import Bar, focused_widget, window_of
 from caris_desktop.ui.input.drive_input_filter import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.theme import Theme
@@ -153,21 +154,17 @@ class NoticeStrip(Bar, QWidget):
         self._column = layouts.vbox(self, *bands, margins_px=0, spacing_px=_EDGE_PX)
         for band in bands:
             band.setMinimumHeight(_HEIGHT_PX)
-            band.installEventFilter(self)
+        changes = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
+        self._changes = EventWatch(self, self._place, *changes)
+        self._changes.add(*bands)
         over.laid_out.connect(self._place)
         self.hide()
 
     def use_replay(self) -> None:
         """Stay hidden: what the banners tell was then."""
-        self._over.laid_out.disconnect(self._place)
-        for band in self._bands:
-            band.removeEventFilter(self)
+        for change in (self._changes.happened, self._over.laid_out):
+            change.disconnect(self._place)
         self.hide()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() in (QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest):
-            self._place()
-        return super().eventFilter(watched, event)
 
     def _place(self) -> None:
         needed_px = [band.needed_px for band in self._bands if not band.isHidden()]

@@ -5,16 +5,12 @@ which it is dragged, closed and floated.
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import (
-    QAccessible,
-    QColor,
     QContextMenuEvent,
     QEnterEvent,
     QHideEvent,
     QMouseEvent,
-    QPainter,
-    QPaintEvent,
     QResizeEvent,
     QShowEvent,
 )
@@ -22,12 +18,12 @@ from PySide6.QtWidgets import QApplication, QFrame, QMenu, QPushButton, QScrollA
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
-from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui import layouts
 from caris_desktop.ui.dock_geometry import DockGeometry, GroupPlace, Handle, Room, dragged, place
 from caris_desktop.ui.focus_widget import Bar, KeyPlace
-from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card, show_part
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.labels import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel, restyle
 
 _BUTTON_PX = 26
 _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
@@ -52,14 +48,14 @@ class PanelTitleBar(Bar, QWidget):
             self._unseen = QWidget(self)
             self._unseen.hide()
         self._panel = panel
-        self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setProperty("role", "" if over_picture else "panel_title")
         self._title = ElidedLabel(role="title")
         self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self._title.setMinimumWidth(_LEAST_TITLE_PX)
         self._title.setText(panel.shown_title)
-        self._fact = _StatusText()
-        self._fact.setObjectName("panel_fact")
+        self._fact = ElidedLabel(role="small", objectName="panel_fact", alignment=Qt.AlignmentFlag.AlignRight)
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
         self.row = layouts.hbox(self, self._title, (self._fact, 1), spacing_px=8)
@@ -71,8 +67,8 @@ class PanelTitleBar(Bar, QWidget):
         panel.fact_changed.connect(self._show_fact)
         panel.title_changed.connect(self._title.setText)
         panel.controls_changed.connect(self._show_controls)
-        panel.active_changed.connect(self.update)
-        self._theme.restyle_on_change(self._style)
+        panel.active_changed.connect(self._show_active)
+        self._show_fact(*panel.fact)
 
     def _show_controls(self) -> None:
         own, before = self._panel.title_widgets(), self._controls
@@ -143,54 +139,18 @@ class PanelTitleBar(Bar, QWidget):
         """Hide the title in a tab group: the tab shows it."""
         self._title.setVisible(not tabbed and not self._over_picture)
 
-    def _style(self) -> None:
-        self._fact.setFont(self._theme.font(tokens.STATUS_PX))
-        self._show_fact(*self._panel.fact)
-        self.update()
+    def _show_active(self, active: bool) -> None:
+        for half_of_card in (self, self._panel):
+            restyle(half_of_card, active=active)
 
     def _show_fact(self, text: str, role: str) -> None:
         if not self._over_picture:  # the picture says it
-            rest_color = self._theme.color("dim")
-            self._fact.set_text(text, self._theme.color(role or "dim"), self._panel.fact_lead, rest_color)
+            self._fact.lead = self._panel.fact_lead
+            self._fact.setText(text)
+            restyle(self._fact, tone=role or "dim")
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         event.ignore()  # starts dragging the dock
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        if not self._over_picture:
-            draw_card(QPainter(self), self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
-
-
-class _StatusText(QWidget):
-    """Right-aligned, elided single line; its first ``lead`` characters may be highlighted."""
-
-    accessible_role = QAccessible.Role.StaticText
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._text = ""
-        self._lead = 0
-        self._color = QColor()
-        self._rest_color = QColor()
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-
-    def set_text(self, text: str, color: QColor, lead: int, rest_color: QColor) -> None:
-        self._text, self._color, self._lead, self._rest_color = text, color, lead, rest_color
-        self.setAccessibleName(text)
-        self.setToolTip(text)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        metrics = self.fontMetrics()
-        text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width())
-        place = self.rect()
-        place.setLeft(place.right() + 1 - metrics.horizontalAdvance(text))
-        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        for part, color in ((text[: self._lead], self._color), (text[self._lead :], self._rest_color)):
-            painter.setPen(color)
-            painter.drawText(place, middle | int(Qt.TextFlag.TextDontClip), part)
-            place.setLeft(place.left() + metrics.horizontalAdvance(part))
 
 
 class DockRequests(QObject):

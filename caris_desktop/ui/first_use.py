@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
@@ -24,7 +24,7 @@ from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.text_formatting import shortened
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import label, named, restyle
 from caris_desktop.ui.window_place import Settings
@@ -195,11 +195,11 @@ class DriveHint(Banner):
 
 
 _BUTTON_PX = 30
-_DOT_PX, _GAP_PX = 22, 4
+_DOT_PX, _DOT_ICON_PX, _GAP_PX = 22, 12, 4
 _LOOKS = {
     "done": ("check", "green"),
     "skipped": ("skip-forward", "dim"),
-    "now": ("circle", "blue"),
+    "now": ("", "blue"),
     "open": ("", "dim"),
 }
 
@@ -213,33 +213,32 @@ class StepDots(QWidget):
         super().__init__()
         self._theme = theme
         self._steps: tuple[PracticeStepStatus, ...] = ()
+        self._dots: list[QLabel] = []
+        self._row = layouts.hbox(self, margins_px=0, spacing_px=_GAP_PX)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        theme.changed.connect(self._draw)
 
     def show_steps(self, steps: tuple[PracticeStepStatus, ...]) -> None:
         self._steps = steps
+        layouts.adjust_count(self._dots, len(steps), self._new_dot)
+        self._draw()
         done = sum(step.state == "done" for step in steps)
         self.setAccessibleName(tr("{done} of {count} steps done").format(done=done, count=len(steps)))
         self.setToolTip(self.accessibleName())
-        self.updateGeometry()
-        self.update()
 
-    def sizeHint(self) -> QSize:
-        return QSize(len(self._steps) * (_DOT_PX + _GAP_PX), _DOT_PX)
+    def _new_dot(self) -> QLabel:
+        dot = named(QLabel(alignment=Qt.AlignmentFlag.AlignCenter), "step_dot")
+        dot.setFixedSize(_DOT_PX, _DOT_PX)
+        self._row.addWidget(dot)
+        return dot
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for number, step in enumerate(self._steps):
-            icon, role = _LOOKS[step.state]
-            dot = QRectF(number * (_DOT_PX + _GAP_PX) + 1, 1, _DOT_PX - 2, _DOT_PX - 2)
-            painter.setPen(QPen(self._theme.color(role), 2.4 if step.state == "now" else 1.2))
-            painter.setBrush(self._theme.color("raised"))
-            painter.drawEllipse(dot)
-            if icon and step.state != "now":
-                draw_icon(painter, dot.adjusted(4, 4, -4, -4), icon, self._theme.color(role))
-            elif step.state == "now":
-                painter.setFont(self._theme.font(tokens.STATUS_PX - 2, tokens.WEIGHT_SEMIBOLD))
-                painter.drawText(dot, Qt.AlignmentFlag.AlignCenter, str(number + 1))
+    def _draw(self) -> None:
+        for number, (dot, step) in enumerate(zip(self._dots, self._steps, strict=True), start=1):
+            name, role = _LOOKS[step.state]
+            dot.setPixmap(icon(name, self._theme.color(role), _DOT_ICON_PX).pixmap(_DOT_ICON_PX))
+            if step.state == "now":
+                dot.setText(str(number))
+            restyle(dot, tone=role)
 
 
 class PracticeStrip(Bar, QWidget):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from caris_desktop.domain import intents
@@ -25,6 +25,7 @@ from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GR
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.first_use import DriveHint, FirstUse, PracticeStrip
 from caris_desktop.ui.focus_widget import PanelWindow, application
 from caris_desktop.ui.help_window import HelpWindows
@@ -92,7 +93,9 @@ class MainWindow(PanelWindow, QWidget):
         choice = as_choice(settings.value(THEME_KEY, "system")) if settings is not None else "system"
         self.theme = theme if theme is not None else Theme(app, choice, self)
         self.appearance = Appearance(self.theme, settings)
-        self._painted = self._began = False
+        self._began = False
+        self._first_paint = EventWatch(self, self._on_first_paint, QEvent.Type.Paint)
+        self._first_paint.add(self)
         self._shown_scenario: Scenario | None = None
         self._replay: ReplayConsole | None = None
         self._replay_parts: ReplayWidgets | None = None
@@ -471,11 +474,9 @@ class MainWindow(PanelWindow, QWidget):
         self.closed.emit()
         super().closeEvent(event)
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self.theme.color("window"))
-        if not self._painted:
-            self._painted = True
-            QTimer.singleShot(0, self, self.painted.emit)
+    def _on_first_paint(self) -> None:
+        self.removeEventFilter(self._first_paint)
+        QTimer.singleShot(0, self, self.painted.emit)
 
 
 def _read_scenario(path: Path) -> Scenario | None:

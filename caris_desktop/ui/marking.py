@@ -229,7 +229,7 @@ class MarkCard(Popup):
         self._second.timeout.connect(self._show_words)
         console.state.marks.changed.connect(self._on_marks_changed)
         actions.keys_changed.connect(self._show_keys)
-        window.installEventFilter(self)
+        self.follow_parent()
         self._show_keys()
 
     def _button(self, name: str, text: str, run: Callable[..., object] | None, **more: Any) -> ActionButton:

@@ -4,7 +4,7 @@ what to do; and the list of active alarms. Never a modal dialog.
 
 from collections.abc import Callable, Iterable, Sequence
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QMouseEvent
 from PySide6.QtWidgets import QAbstractButton, QComboBox, QLabel, QLineEdit, QVBoxLayout, QWidget
 
@@ -22,6 +22,7 @@ from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.dock_area import DockArea
 from caris_desktop.ui.dock_geometry import GroupPlace
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from caris_desktop.ui.text_formatting import wrapped_tip
@@ -93,7 +94,8 @@ class NotificationPopups(InSight):
         self._opened: NotificationPopup | None = None
         self._seen: dict[str, tuple[int, Severity, int]] = {}
         self._column = layouts.vbox(self, margins_px=0, spacing_px=tokens.GRID_PX)
-        over.installEventFilter(self)
+        self._moves = EventWatch(self, self._on_laid_out, *PLACE_CHANGES)
+        self._moves.add(over)
         over.laid_out.connect(self._on_laid_out)
         self._state = state
         self.hide()
@@ -106,7 +108,7 @@ class NotificationPopups(InSight):
     def stay_clear_of(self, card: QWidget) -> None:
         """Never cover this popup, which asks a question or is read."""
         self._clear_of.add(card)
-        card.installEventFilter(self)
+        self._moves.add(card)
         self._on_laid_out()
 
     def add(self, problem: Problem) -> None:
@@ -216,11 +218,6 @@ class NotificationPopups(InSight):
     def _on_laid_out(self) -> None:
         if self._cards:
             self._place()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() in PLACE_CHANGES and (watched is self._over or watched in self._clear_of):
-            self._on_laid_out()
-        return False
 
 
 def gravest(cards: Sequence["NotificationPopup"]) -> "NotificationPopup":

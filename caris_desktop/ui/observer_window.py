@@ -9,18 +9,9 @@ from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, Literal, cast
 
-from PySide6.QtCore import QByteArray, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import (
-    QAccessible,
-    QCloseEvent,
-    QFontMetricsF,
-    QGuiApplication,
-    QPainter,
-    QPaintEvent,
-    QPen,
-    QResizeEvent,
-)
-from PySide6.QtWidgets import QSizePolicy, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QCloseEvent, QFontMetricsF, QGuiApplication, QResizeEvent
+from PySide6.QtWidgets import QFrame, QLabel, QSizePolicy, QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -35,7 +26,8 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, Sign
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.labels import IconLabel, named, restyle
 from caris_desktop.ui.window_place import Settings
 
 SignName = Literal["moving", "speaking", "recording", "listening"]
@@ -66,6 +58,9 @@ def signs_of(state: LiveState, moving: Sign) -> dict[SignName, Sign]:
     }
 
 
+_INKS: Mapping[str, str] = {"on": "panel", "half": "text", "off": "dim"}
+
+
 class StatusIndicators(QWidget):
     """Status indicators with icon and word at fixed positions; repainted only on a change."""
 
@@ -81,6 +76,13 @@ class StatusIndicators(QWidget):
         self._motion = RobotMotion(state, self)
         self.signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
+        self._boxes = [named(QFrame(), "sign") for _name in _COLORS]
+        self._icons = [IconLabel(theme, size_px=tokens.GLANCE_ICON_PX) for _box in self._boxes]
+        self._words = [named(QLabel(), "sign_word") for _box in self._boxes]
+        for box, icon, word in zip(self._boxes, self._icons, self._words, strict=True):
+            # The edge is 3 px wide.
+            layouts.hbox(box, icon, (word, 1), margins_px=(_SIDE_PX - 3, 0, _SIDE_PX - 3, 0), spacing_px=_GAP_PX)
+        layouts.hbox(self, *self._boxes, margins_px=0, spacing_px=_BETWEEN_PX)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self._motion.changed.connect(self._on_changed)
         for value in (state.speech, state.sound, state.recording, state.microphone):
@@ -109,7 +111,12 @@ class StatusIndicators(QWidget):
             self.signs = signs
             self.setAccessibleName(tr("Robot status: {signs}").format(signs=", ".join(map(_word, signs.values()))))
             self.setToolTip(self.accessibleName())
-            self.update()
+            parts = zip(signs.items(), self._boxes, self._icons, self._words, strict=True)
+            for (name, sign), box, icon, word in parts:
+                restyle(box, tone=_COLORS[name] if sign.lit == "on" else sign.lit)
+                icon.show_icon(sign.icon, _INKS[sign.lit])
+                word.setText(_word(sign))
+                restyle(word, tone=_INKS[sign.lit])
 
     def _font_px(self) -> int:
         return tokens.BODY_PX if self._compact else tokens.GLANCE_PX
@@ -118,7 +125,10 @@ class StatusIndicators(QWidget):
         around_px = 2 * _SIDE_PX + tokens.GLANCE_ICON_PX
         self._widths = self._widths_with(self._font_px()) if self._named else [around_px] * len(_COLORS)
         self.setFixedWidth(self.sizeHint().width())
-        self.update()
+        for box, word, width in zip(self._boxes, self._words, self._widths, strict=True):
+            box.setFixedWidth(width)
+            word.setFont(self._theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
+            word.setVisible(self._named)
 
     def _widths_with(self, font_px: int) -> list[int]:
         """Widths for the longest word of each indicator, so that nothing shifts on a change."""
@@ -129,42 +139,6 @@ class StatusIndicators(QWidget):
             + around_px
             for name in _COLORS
         ]
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        left = 0.0
-        for (name, sign), width in zip(self.signs.items(), self._widths, strict=True):
-            self._paint_sign(painter, QRectF(left, 0, width, self.height()), sign, _COLORS[name])
-            left += width + _BETWEEN_PX
-
-    def _paint_sign(self, painter: QPainter, rect: QRectF, sign: Sign, role: str) -> None:
-        theme = self._theme
-        color = theme.color(role)
-        match sign.lit:
-            case "on":
-                painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(color)
-                ink = theme.color("panel")
-            case "half":
-                painter.setPen(QPen(theme.color("amber"), 2, Qt.PenStyle.DashLine))
-                painter.setBrush(theme.color("amber_soft"))
-                ink = theme.color("text")
-            case _:
-                painter.setPen(QPen(theme.color("line"), 1))
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                ink = theme.color("dim")
-        radius = tokens.CONTROL_RADIUS_PX
-        painter.drawRoundedRect(rect.adjusted(1, 1, -1, -1), radius, radius)
-        icon_px = tokens.GLANCE_ICON_PX
-        place = QRectF(rect.left() + _SIDE_PX, rect.center().y() - icon_px / 2, icon_px, icon_px)
-        draw_icon(painter, place, sign.icon, ink)
-        if not self._named:
-            return
-        painter.setFont(theme.font(self._font_px(), tokens.WEIGHT_SEMIBOLD))
-        painter.setPen(ink)
-        words = rect.adjusted(_SIDE_PX + icon_px + _GAP_PX, 0, 0, 0)
-        painter.drawText(words, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), _word(sign))
 
 
 def _word(sign: Sign) -> str:

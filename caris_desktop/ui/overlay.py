@@ -1,10 +1,11 @@
 """Popup over the window. Not a dialog: the robot can be driven and stopped meanwhile."""
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
+from PySide6.QtCore import QEvent, QPoint, QRect, Qt
 from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QRegion
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.focus_widget import activate_window, existing, give_focus_back
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
@@ -43,7 +44,8 @@ class Overlay(QWidget):
         self.card.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-        window.installEventFilter(self)
+        EventWatch(self, self._on_window_resized, QEvent.Type.Resize).add(window)
+        self._moves = EventWatch(self, self._on_part_moved, *PLACE_CHANGES)
         self.hide()
 
     def open(self) -> None:
@@ -53,7 +55,7 @@ class Overlay(QWidget):
         self._in_sight = self._window.findChildren(InSight)
         for part in self._in_sight:
             part.stay_clear_of(self.card)
-            part.installEventFilter(self)
+        self._moves.add(*self._in_sight)
         self._place()
         self.show()
         self.raise_()
@@ -100,20 +102,20 @@ class Overlay(QWidget):
                     self._stepped_back.append(window)
         self._leave_in_sight()
 
+    def _on_window_resized(self) -> None:
+        if self.isVisible():
+            self._place()
+
+    def _on_part_moved(self) -> None:
+        if self.isVisible():
+            self._leave_in_sight()
+
     def _leave_in_sight(self) -> None:
         visible = QRegion(self.rect())
         for part in self._in_sight:
             if part.isVisible():
                 visible -= QRect(self.mapFromGlobal(part.mapToGlobal(QPoint())), part.size())
         self.setMask(visible)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if self.isVisible() and event.type() in PLACE_CHANGES:
-            if watched is not self._window:
-                self._leave_in_sight()
-            elif event.type() == QEvent.Type.Resize:
-                self._place()
-        return False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         focused = self._window.focusWidget()

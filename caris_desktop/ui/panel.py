@@ -1,4 +1,4 @@
-"""Base class of dock panels: title, status text, title bar controls, card painting."""
+"""Base class of dock panels: title, status text, title bar controls; the edge of a card over a picture."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import Any, Literal
 
 from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, QSizeF, Qt, QTimer, Signal, SignalInstance
-from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -85,6 +85,8 @@ class Panel(QWidget):
         self.shown_title = self.title
         """Current text of the title bar; menus use ``title``."""
         self.setAccessibleName(self.title)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setProperty("role", "panel")
 
     def sizeHint(self) -> QSize:
         return self.preferred_size if self.preferred_size.isValid() else super().sizeHint()
@@ -224,15 +226,10 @@ class Panel(QWidget):
         if active != self.active:
             self.active = active
             self.active_changed.emit(active)
-            self.update()
 
     def focus_target(self) -> QWidget:
         """Widget to focus when the wizard goes to this panel."""
         return self
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self.active)
 
 
 class _Watch(QObject):
@@ -260,22 +257,6 @@ def show_part(part: QWidget, visible: bool) -> None:
         part.hide()
     elif part.parentWidget() is not None:
         part.show()
-
-
-def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, active: bool) -> None:
-    """Half a card: rounded at the top (``top``) or bottom, with an outline that is blue while focused."""
-    radius = float(tokens.PANEL_RADIUS_PX)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(theme.color("blue" if active else "line"), 1))
-    painter.setBrush(theme.color("panel"))
-    painter.save()
-    painter.setClipRect(rect, Qt.ClipOperation.IntersectClip)
-    whole = rect.adjusted(0.5, 0.5 if top else -2 * radius, -0.5, 2 * radius if top else -0.5)
-    painter.drawRoundedRect(whole, radius, radius)
-    painter.restore()
-    if top:
-        painter.setPen(QPen(theme.color("line"), 1))
-        painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
 
 
 def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, *, active: bool, whole: bool = False) -> None:

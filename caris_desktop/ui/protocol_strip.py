@@ -20,6 +20,7 @@ from caris_desktop.scenario.protocol_steps import ProtocolStep
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.focus_widget import Bar, application
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import duration
@@ -610,10 +611,14 @@ class _CardBelow(FloatingCard):
 
     accessible_role = QAccessible.Role.Dialog
 
+    def __init__(self, theme: Theme, window: QWidget) -> None:
+        super().__init__(theme, window)
+        self._presses = EventWatch(self, self._on_pressed, QEvent.Type.MouseButtonPress)
+
     def open_below(self, part: QWidget, strip: QWidget) -> None:
         self._strip = strip
         if self.isHidden():
-            application().installEventFilter(self)
+            self._presses.add(application())
         self.adjustSize()
         where = part.mapTo(self._room, QPoint(0, part.height() + 6))
         room = self._room.rect()
@@ -621,16 +626,14 @@ class _CardBelow(FloatingCard):
         self.show()
         self.raise_()
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        pressed = event.type() == QEvent.Type.MouseButtonPress
+    def _on_pressed(self, pressed: QObject) -> None:
         # A click on the strip, which opens and closes the popup, is none elsewhere.
         own = (self, self._strip)
-        if pressed and isinstance(watched, QWidget) and not any(p is watched or p.isAncestorOf(watched) for p in own):
+        if isinstance(pressed, QWidget) and not any(p is pressed or p.isAncestorOf(pressed) for p in own):
             self.hide()
-        return False
 
     def hideEvent(self, event: QHideEvent) -> None:
-        application().removeEventFilter(self)
+        application().removeEventFilter(self._presses)
         super().hideEvent(event)
 
 

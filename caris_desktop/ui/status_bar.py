@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.address import is_loopback, without_credentials
@@ -38,7 +38,7 @@ from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
 from caris_desktop.ui.widgets.containers import FlowRow
-from caris_desktop.ui.widgets.labels import label, named
+from caris_desktop.ui.widgets.labels import IconLabel, label, named, restyle
 from caris_desktop.ui.window_place import InSight
 
 _HEIGHT_PX = 22
@@ -88,6 +88,11 @@ class KeyOwnerChip(QWidget):
         self._roomy = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self.setToolTip(tr("Shows what the keyboard controls now"))
+        self._icon, self._words = IconLabel(theme, size_px=15), label("", "small")
+        self._pill = named(QFrame(), "key_owner_pill")
+        self._pill.setFixedHeight(_HEIGHT_PX)
+        layouts.hbox(self._pill, self._icon, self._words, margins_px=(10, 0, 11, 0), spacing_px=6)
+        layouts.hbox(self, self._pill, 1, margins_px=0)
         hold.key_owner_changed.connect(self.show_owner)
         self.show_owner(hold.key_owner)
 
@@ -102,8 +107,11 @@ class KeyOwnerChip(QWidget):
         elif self.parentWidget() is not None:  # without a parent it would be a window
             self.show()
         self.setAccessibleName(self.text)
+        _text, role, icon = _WORDS[owner]
+        self._words.setText(self.text)
+        self._icon.show_icon(icon, "text")
+        restyle(self._pill, tone=role)
         self.updateGeometry()
-        self.update()
 
     def sizeHint(self) -> QSize:
         texts = (self.text, *map(owner_words, _USUAL)) if self._roomy else (self.text,)
@@ -117,24 +125,6 @@ class KeyOwnerChip(QWidget):
 
     def _width_of(self, text: str) -> int:
         return round(QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(text)) + 42
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        _text, role, icon = _WORDS[self._owner]
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        rect = QRectF(0.5, 0.5, self._width_of(self.text) - 1, self.height() - 1)
-        soft = f"{role}_soft" if role in ("blue", "amber") else "raised"
-        painter.setPen(QPen(theme.color(role if role in ("blue", "amber") else "line"), 1))
-        painter.setBrush(theme.color(soft))
-        painter.drawRoundedRect(rect, _HEIGHT_PX / 2, _HEIGHT_PX / 2)
-        ink = theme.color("text")
-        draw_icon(painter, QRectF(10, self.height() / 2 - 7.5, 15, 15), icon, ink)
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(ink)
-        painter.drawText(
-            rect.adjusted(31, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self.text
-        )
 
 
 HEIGHT_PX = 28

@@ -262,6 +262,8 @@ QProgressBar {{
     background: {colors.raised}; border: 0; border-radius: 4px; min-height: 8px; max-height: 8px;
 }}
 QProgressBar::chunk {{ background: {colors.blue}; border-radius: 4px; }}
+QProgressBar#hold_progress {{ background: transparent; min-height: 4px; max-height: 4px; margin: 0 3px; }}
+QProgressBar#hold_progress::chunk {{ background: {colors.amber}; border-radius: 2px; }}
 QSplitter::handle:vertical {{ height: 8px; background: transparent; }}
 QScrollBar:vertical {{ width: 10px; background: transparent; margin: 0; }}
 QScrollBar:horizontal {{ height: 10px; background: transparent; margin: 0; }}
@@ -274,6 +276,16 @@ QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::su
 QWidget[role="popup"] {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {tokens.PANEL_RADIUS_PX}px;
 }}
+QWidget[role="panel_title"], QWidget[role="panel"] {{ background: {colors.panel}; border: 1px solid {colors.line}; }}
+QWidget[role="panel_title"] {{
+    border-top-left-radius: {tokens.PANEL_RADIUS_PX}px; border-top-right-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QWidget[role="panel"] {{
+    border-top: 0;
+    border-bottom-left-radius: {tokens.PANEL_RADIUS_PX}px; border-bottom-right-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QWidget[role="panel_title"][active="true"], QWidget[role="panel"][active="true"] {{ border-color: {colors.blue}; }}
+QWidget[role="panel_title"][active="true"] {{ border-bottom-color: {colors.line}; }}
 QWidget#practice_strip {{
     background: {colors.panel}; border: 1px solid {colors.blue}; border-radius: {tokens.PANEL_RADIUS_PX}px;
     margin: 1px 8px;
@@ -314,6 +326,20 @@ QFrame#curve_round_trip {{ border: 0; border-top: 2px solid {colors.blue}; }}
 QFrame#curve_video {{ border: 0; border-top: 2px dashed {colors.green}; }}
 QFrame#curve_lidar {{ border: 0; border-top: 2px dotted {colors.amber}; }}
 Overlay {{ background: {colors.shadow}; }}
+QFrame#sign {{ margin: 1px; border: 1px solid {colors.line}; padding: 1px; border-radius: {radius}px; }}
+QFrame#sign[tone="half"] {{ background: {colors.amber_soft}; border: 2px dashed {colors.amber}; padding: 0; }}
+QFrame#sign[tone="blue"] {{ background: {colors.blue}; border-color: {colors.blue}; }}
+QFrame#sign[tone="green"] {{ background: {colors.green}; border-color: {colors.green}; }}
+QLabel#sign_word[tone="panel"] {{ color: {colors.panel}; }}
+QFrame#key_owner_pill {{ background: {colors.raised}; border: 1px solid {colors.line}; border-radius: 11px; }}
+QFrame#key_owner_pill[tone="blue"] {{ background: {colors.blue_soft}; border-color: {colors.blue}; }}
+QFrame#key_owner_pill[tone="amber"] {{ background: {colors.amber_soft}; border-color: {colors.amber}; }}
+QLabel#step_dot {{
+    background: {colors.raised}; border: 1px solid {colors.dim}; border-radius: 11px;
+    font-size: {status - 2}px; font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QLabel#step_dot[tone="green"] {{ border-color: {colors.green}; }}
+QLabel#step_dot[tone="blue"] {{ border: 2px solid {colors.blue}; }}
 QWidget[role="card"] {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: 12px;
 }}
@@ -330,7 +356,7 @@ QLabel#person_card_name {{ font-size: {tokens.BODY_PX + 2}px; font-weight: {toke
 QTableView#person_history {{ font-size: {status}px; }}
 QLabel[role="fine"] {{ color: {colors.dim}; }}
 QLabel[role="title"], QLabel[role="heading"], QLabel[role="time"] {{ font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
-QLabel[role="heading"], QLabel[role="time"] {{ font-size: {tokens.SPEECH_PX}px; }}
+QLabel[role="heading"], QLabel[role="time"], QLabel#completion {{ font-size: {tokens.SPEECH_PX}px; }}
 QLabel[role="medium"] {{ font-weight: {tokens.WEIGHT_MEDIUM}; }}
 QTextBrowser#help_page {{ background: {colors.panel}; border: 0; padding: 4px 4px 4px 14px; }}
 QWidget#export_dialog {{ background: {colors.panel}; }}
@@ -455,11 +481,14 @@ def draw_icon(painter: QPainter, rect: QRectF, name: str, color: QColor | str) -
 
 
 def icon(name: str, color: QColor | str, size_px: int = 18) -> QIcon:
-    pixmap = QPixmap(2 * size_px, 2 * size_px)
-    pixmap.setDevicePixelRatio(2.0)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
-    painter.end()
-    return QIcon(pixmap)
+    made = QIcon()
+    for ratio in (1, 2):
+        pixmap = QPixmap(ratio * size_px, ratio * size_px)
+        pixmap.setDevicePixelRatio(ratio)
+        pixmap.fill(Qt.GlobalColor.transparent)
+        painter = QPainter(pixmap)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        draw_icon(painter, QRectF(0, 0, size_px, size_px), name, color)
+        painter.end()
+        made.addPixmap(pixmap)
+    return made

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from PySide6.QtCore import QPoint
+from PySide6.QtCore import QEvent, QPoint
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
@@ -17,6 +17,7 @@ from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, RecordingStatus, SpeechStatus
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.banners import EmergencyBanner
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer_window import StatusIndicators
 from caris_desktop.ui.panels.video_panel import VideoPanel
@@ -61,6 +62,7 @@ def said(signs: StatusIndicators) -> list[str]:
 
 
 def picture(signs: StatusIndicators) -> QImage:
+    QApplication.processEvents()
     return signs.grab().toImage().convertToFormat(QImage.Format.Format_Grayscale8)
 
 
@@ -201,15 +203,9 @@ def test_they_are_large_enough_for_two_metres(
     theme.set_choice("dark")
 
 
-def test_nothing_is_painted_while_nothing_changes(
-    qtbot: QtBot, theme: Theme, state: LiveState, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    painted: list[int] = []
-    paint = StatusIndicators._paint_sign
-    monkeypatch.setattr(StatusIndicators, "_paint_sign", lambda self, *args: (painted.append(1), paint(self, *args)))
-    signs = StatusIndicators(theme, state)
-    qtbot.addWidget(signs)
-    signs.show()
+def test_nothing_is_painted_while_nothing_changes(qtbot: QtBot, signs: StatusIndicators, state: LiveState) -> None:
+    painted: list[object] = []
+    EventWatch(signs, painted.append, QEvent.Type.Paint).add(signs)
     qtbot.waitExposed(signs)
     turn_all_on(state)
     QApplication.processEvents()

@@ -4,12 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QFont, QGuiApplication, QPalette
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QPlainTextEdit, QPushButton
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
 
 import caris_desktop.ui
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
@@ -139,6 +140,37 @@ def test_a_placeholder_can_be_read(qtbot: QtBot, theme: Theme, choice: ThemeChoi
         field.ensurePolished()
         ink = field.palette().color(QPalette.ColorRole.PlaceholderText).name()
         assert contrast(ink, theme.colors.field) >= 4.5
+
+
+def test_a_widget_is_repainted_in_its_new_look(qtbot: QtBot, theme: Theme) -> None:
+    holder = QWidget()
+    card = QWidget(holder)
+    card.setProperty("role", "panel")
+    card.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+    painted: list[object] = []
+    EventWatch(card, painted.append, QEvent.Type.Paint).add(card)
+    qtbot.addWidget(holder)
+    holder.show()
+    qtbot.waitUntil(lambda: bool(painted))
+    qtbot.wait(100)
+    painted.clear()
+    restyle(card, active=True)
+    qtbot.waitUntil(lambda: bool(painted))
+
+
+def test_the_card_of_the_focused_panel_is_outlined_in_blue(window: MainWindow) -> None:
+    panel = window.panels["map"]
+    bar = window.dock_host.docks["map"].title_bar
+
+    def edges() -> set[str]:
+        return {part.grab().toImage().pixelColor(0, part.height() // 2).name() for part in (bar, panel)}
+
+    colors = window.theme.colors
+    assert edges() == {colors.line}
+    panel.set_active(True)
+    assert edges() == {colors.blue}
+    panel.set_active(False)
+    assert edges() == {colors.line}
 
 
 def test_titles_of_panels_are_semibold_from_the_start(window: MainWindow) -> None:

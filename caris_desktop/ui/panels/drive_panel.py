@@ -11,14 +11,13 @@ from PySide6.QtGui import (
     QHideEvent,
     QMouseEvent,
     QPainter,
-    QPainterPath,
     QPaintEvent,
     QPen,
     QPolygonF,
     QResizeEvent,
     QTouchEvent,
 )
-from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QProgressBar, QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -722,6 +721,9 @@ class HoldButton(ActionButton):
         self._since = QElapsedTimer()
         self._progress = QTimer(self, interval=_STEP_MS)
         self._progress.timeout.connect(self._on_progress)
+        self._bar = named(QProgressBar(textVisible=False, maximum=HOLD_MS), "hold_progress", text)
+        self._bar.hide()
+        layouts.vbox(self, 1, self._bar, margins_px=0)
         self.pressed.connect(self._on_pressed)
         self.released.connect(self._on_released)
 
@@ -733,21 +735,23 @@ class HoldButton(ActionButton):
         """Cancel: a button still down does nothing."""
         if self.holding:
             self._progress.stop()
-            self.update()
+            self._bar.hide()
 
     def _on_pressed(self) -> None:
         if self.wants_hold:
             self._since.start()
             self._progress.start()
+            self._bar.reset()
+            self._bar.show()
 
     def _on_progress(self) -> None:
         if self._since.elapsed() >= HOLD_MS:
-            self._progress.stop()
+            self.give_up()
             # The following release must not count as a click, which would do the opposite.
             self._spent = True
             self.setDown(False)
             self.held.emit()
-        self.update()
+        self._bar.setValue(self._since.elapsed())
 
     def _on_released(self) -> None:
         if self.holding:
@@ -768,14 +772,3 @@ class HoldButton(ActionButton):
     def focusOutEvent(self, event: QFocusEvent) -> None:
         self.give_up()
         super().focusOutEvent(event)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        super().paintEvent(event)
-        if self.holding:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            outline = QPainterPath()
-            outline.addRoundedRect(QRectF(self.rect()), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
-            painter.setClipPath(outline)
-            done = min(1.0, self._since.elapsed() / HOLD_MS)
-            painter.fillRect(QRectF(0, self.height() - 4, self.width() * done, 4), self._theme.color("amber"))

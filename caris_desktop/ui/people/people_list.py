@@ -16,7 +16,7 @@ from PySide6.QtCore import (
     Signal,
 )
 from PySide6.QtGui import QCursor, QKeyEvent, QPainter, QPen, QResizeEvent
-from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyleOptionViewItem, QWidget
+from PySide6.QtWidgets import QAbstractItemDelegate, QPushButton, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
@@ -394,7 +394,7 @@ class PeopleList(FastTableView):
             super().keyPressEvent(event)
 
 
-class RowControls(QAbstractButton):
+class RowControls(QPushButton):
     """Buttons over a painted row. Pressed by a screen reader, it selects the person; clicks reach the list below."""
 
     def __init__(self, theme: Theme, view: PeopleList, person_id: str) -> None:
@@ -404,6 +404,7 @@ class RowControls(QAbstractButton):
         self._person_id = person_id
         self._shown: tuple[RowButton, ...] = ()
         self.buttons: dict[str, ActionButton] = {}
+        self.setFlat(True)  # the row below is painted already
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.clicked.connect(partial(view.act, "pick", person_id))
 
@@ -456,9 +457,6 @@ class RowControls(QAbstractButton):
             button.setGeometry(right, self.rect().center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)
             right -= _BETWEEN_PX
         self.words_end_px = right + _BETWEEN_PX - 8 if self.buttons else self.width() - _SIDE_PX
-
-    def paintEvent(self, _event: object) -> None:
-        """Paint nothing: the row below is painted already."""
 
 
 class PersonDelegate(RowDelegate):

@@ -91,7 +91,7 @@ class PersonCard(FloatingCard):
         head = layouts.hbox(None, self._face, (texts, 1), margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         layouts.vbox(self, head, (self._pages, 1), margins_px=(1, 12, 1, 10), spacing_px=8)
-        window.installEventFilter(self)
+        self.follow_parent()
 
     # ---- person
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.replay_console import ReplayConsole
@@ -23,6 +23,7 @@ from caris_desktop.ui.replay.timeline_items import (
     vocabulary_named,
 )
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.inputs import CommandLineEdit
 from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import FloatingCard
 
@@ -372,6 +373,10 @@ _VALUE = int(Qt.ItemDataRole.UserRole)
 _CARD_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Escape, Qt.Key.Key_Up, Qt.Key.Key_Down)
 
 
+def _card_key(event: QKeyEvent) -> Qt.Key | None:
+    return Qt.Key(event.key()) if event.key() in _CARD_KEYS else None
+
+
 class LabelCard(FloatingCard):
     """Label popup of an annotation: free text, or a vocabulary value.
 
@@ -386,10 +391,10 @@ class LabelCard(FloatingCard):
         self._entries: tuple[VocabularyEntry, ...] | None = None
         self._before = ""
         self._done = True
-        self.field = named(QLineEdit(maxLength=10_000), "label_field", tr("Label of the annotation"))
+        self.field = CommandLineEdit(_card_key, maxLength=10_000, commanded=self._on_key, left=self._on_left)
+        named(self.field, "label_field", tr("Label of the annotation"))
         self.field.setMinimumSize(240, 32)
         self.field.textEdited.connect(self._on_text_edited)
-        self.field.installEventFilter(self)
         self.list = named(QListWidget(), "label_list", tr("Labels of the vocabulary"))
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -439,30 +444,22 @@ class LabelCard(FloatingCard):
         else:
             self._fill(text)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.field and not self._done:
-            if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
-                # Keys of the popup: Return selects, arrows move, Esc cancels.
-                key, row = event.key(), self.list.currentItem()
-                if key not in _CARD_KEYS:
-                    return False
-                event.accept()
-                if event.type() == QEvent.Type.ShortcutOverride:
-                    return True
-                if key == Qt.Key.Key_Escape:
-                    self._finish(None)
-                elif key in (Qt.Key.Key_Up, Qt.Key.Key_Down):
-                    step = 1 if key == Qt.Key.Key_Down else -1
-                    self.list.setCurrentRow(min(max(0, self.list.currentRow() + step), self.list.count() - 1))
-                elif self._entries is None:
-                    self._finish(self.field.text())
-                elif row is not None:
-                    self._finish(str(row.data(_VALUE)))
-                return True
-            if event.type() == QEvent.Type.FocusOut:
-                # Free text is saved on losing the focus, as in any field; a vocabulary value must be chosen.
-                self._finish(self.field.text() if self._entries is None else None)
-        return super().eventFilter(watched, event)
+    def _on_key(self, key: Qt.Key) -> None:
+        """Return selects, arrows move, Esc cancels."""
+        row = self.list.currentItem()
+        if key == Qt.Key.Key_Escape:
+            self._finish(None)
+        elif key in (Qt.Key.Key_Up, Qt.Key.Key_Down):
+            step = 1 if key == Qt.Key.Key_Down else -1
+            self.list.setCurrentRow(min(max(0, self.list.currentRow() + step), self.list.count() - 1))
+        elif self._entries is None:
+            self._finish(self.field.text())
+        elif row is not None:
+            self._finish(str(row.data(_VALUE)))
+
+    def _on_left(self) -> None:
+        # Free text is saved on losing the focus, as in any field; a vocabulary value must be chosen.
+        self._finish(self.field.text() if self._entries is None else None)
 
     def cancel(self) -> bool:
         """Close without a label; False if it was not open."""

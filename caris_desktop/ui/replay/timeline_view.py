@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRectF, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QAccessible, QKeyEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QAccessible, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
@@ -32,7 +32,8 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
+from caris_desktop.ui.event_watch import EventWatch
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, show_part
 from caris_desktop.ui.replay.replay_bar import ReplayBar, Thumbnails
 from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
 from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
@@ -54,7 +55,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel, label, named
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, named, restyle
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
@@ -88,7 +89,6 @@ class TimelineView(QWidget):
         thumbnails = Thumbnails(replay, self)
         self.canvas = TimelineCanvas(theme, thumbnails.picture, replay.with_names)
         thumbnails.made.connect(self.canvas.refresh_pictures)
-        self.canvas.installEventFilter(self)
         self._description = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
         self.acts = TimelineCommands(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
@@ -112,7 +112,12 @@ class TimelineView(QWidget):
         middle.addWidget(self._down, 0, 1)
         under = layouts.hbox(None, self._across, margins_px=(NAMES_PX, 0, 0, 0))
         middle.addLayout(under, 1, 0)
-        layouts.vbox(self, self._make_header(), (middle, 1), self.strip, margins_px=(0, 0, 0, 1), spacing_px=0)
+        self._card = self._make_header(), QWidget()
+        layouts.vbox(self._card[1], (middle, 1), self.strip, margins_px=(0, 0, 0, 1), spacing_px=0)
+        layouts.vbox(self, self._card[0], (self._card[1], 1), margins_px=0, spacing_px=0)
+        for part, role in zip(self._card, ("panel_title", "panel"), strict=True):
+            part.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+            part.setProperty("role", role)
         self.canvas.selection_changed.connect(self._on_selection_changed)
         self.canvas.view_changed.connect(self._on_view_changed)
         replay.coding.changed.connect(self._on_coding_changed)
@@ -250,7 +255,8 @@ class TimelineView(QWidget):
         self.strip.show_tier(active, vocabulary, here, tiers=sum(bool(tier.coder) for tier in self.acts.document.tiers))
         self._fact.setText(self._fact_text())
         self._description.changed()
-        self.update()
+        for part in self._card:
+            restyle(part, active=self.canvas.hasFocus())
 
     def _accessible_text(self) -> str:
         """Accessible description: position, visible part, number of marks, selection."""
@@ -427,22 +433,14 @@ class TimelineView(QWidget):
 
     # ---- keys
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.canvas and event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
-            if event.key() == Qt.Key.Key_Escape:
-                self.acts.give_up()
-                return True
-            spec = self._actions.pressed_in("timeline", event)
-            if spec is not None and (not event.isAutoRepeat() or spec.callback in _REPEATED):
-                self._actions.run(spec.id)
-            return spec is not None
-        return super().eventFilter(watched, event)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter, active = QPainter(self), self.canvas.hasFocus()
-        body = QRectF(self.rect()).adjusted(0, TITLE_HEIGHT_PX, 0, 0)
-        draw_card(painter, self._theme, body, top=False, active=active)
-        draw_card(painter, self._theme, QRectF(0, 0, self.width(), TITLE_HEIGHT_PX), top=True, active=active)
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        spec = self._actions.pressed_in("timeline", event) if self.canvas.hasFocus() else None
+        if event.key() == Qt.Key.Key_Escape and self.canvas.hasFocus():
+            self.acts.give_up()
+        elif spec is None:
+            super().keyPressEvent(event)
+        elif not event.isAutoRepeat() or spec.callback in _REPEATED:
+            self._actions.run(spec.id)
 
 
 def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
@@ -604,8 +602,8 @@ class ReplayWidgets(QObject):
         middle.setStretchFactor(1, 0)
         middle.setSizes(list(_PANELS_AND_TIMELINE_PX))
         column.insertWidget(column.indexOf(status_bar), self._bar)
-        for watched in (self._window, middle):
-            watched.installEventFilter(self)
+        for watched, use_size in ((self._window, self._use_window_size), (middle, self._use_room)):
+            EventWatch(self, use_size, QEvent.Type.Resize).add(watched)
         # Otherwise the window could be shrunk only in steps.
         self._window.setMinimumHeight(_LOWEST_WINDOW_PX)
         self._use_window_size()
@@ -623,14 +621,6 @@ class ReplayWidgets(QObject):
         """Take the focus: no field gets typed keys in a replay, and Space plays."""
         taker = self._window if self._drawer and not self._timeline_open else self.timeline
         taker.setFocus(Qt.FocusReason.OtherFocusReason)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Resize:
-            if watched is self._window:
-                self._use_window_size()
-            elif watched is self._middle:
-                self._use_room()
-        return False
 
     def _use_window_size(self) -> None:
         small = self._window.width() < _SMALL_BELOW_PX[0] or self._window.height() < _SMALL_BELOW_PX[1]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -49,7 +50,7 @@ from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
+from caris_desktop.ui.widgets.inputs import CheckBox, CommandLineEdit, DropDown
 from caris_desktop.ui.widgets.labels import KeyCap, named, restyle
 
 _MORE_PX = 104
@@ -398,20 +399,10 @@ class KeyField(TextField):
     """Key combination, entered by pressing it."""
 
     def make_input(self) -> QLineEdit | Prose:
-        line = super().make_input()
-        line.setPlaceholderText(tr("Press a key"))
-        line.setMaximumWidth(170)
-        line.installEventFilter(self)
+        line = CommandLineEdit(_combination, placeholderText=tr("Press a key"), maximumWidth=170)
+        line.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        line.commanded.connect(partial(self.document.set, self.path))
         return line
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        pressed = event.type() in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress)
-        if pressed and isinstance(event, QKeyEvent) and (combination := _combination(event)):
-            if event.type() == QEvent.Type.KeyPress:
-                self.document.set(self.path, combination)
-            event.accept()
-            return True
-        return super().eventFilter(watched, event)
 
 
 def _combination(event: QKeyEvent) -> str:

@@ -4,13 +4,10 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 
-from PySide6.QtCore import Property, QMimeData, QPoint, QPointF, QRect, Qt
+from PySide6.QtCore import Property, QMimeData, QPoint, QRect, Qt
 from PySide6.QtGui import (
     QFocusEvent,
-    QFontMetricsF,
     QKeyEvent,
-    QPainter,
-    QPaintEvent,
     QResizeEvent,
     QTextCursor,
     QTextOption,
@@ -23,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import VoiceStatus
 from caris_desktop.ui.menus import SettingChoice
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.labels import KeyCap
+from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap
 
 _OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (
     ("robot", QT_TR_NOOP("The robot speaks")), ("computer", QT_TR_NOOP("This computer speaks")),
@@ -101,8 +98,9 @@ class SpeakField(QPlainTextEdit):
         self._sentences = sentences
         self._back = 0
         self._draft = ""
+        self._rest = ElidedLabel(tone="dim", objectName="completion", parent=self.viewport())
+        self._rest.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.completion = ""
-        """Completion shown behind the cursor, accepted with Tab."""
         self._line_px = 48
         self._dictated_id = ""
         self._dictated: QTextCursor | None = None
@@ -242,13 +240,25 @@ class SpeakField(QPlainTextEdit):
         self._fit()
         self._complete()
 
+    @property
+    def completion(self) -> str:
+        """Completion shown behind the cursor, accepted with Tab."""
+        return self._rest.text()
+
+    @completion.setter
+    def completion(self, rest: str) -> None:
+        self._rest.setText(rest)
+        self._rest.setVisible(bool(rest))
+
     def _complete(self) -> None:
         cursor, text = self.textCursor(), self.toPlainText()
         at_end = cursor.atEnd() and not cursor.hasSelection()
         rest = completion(text, self._sentences()) if text and at_end and self.hasFocus() else ""
-        if rest != self.completion:
-            self.completion = rest
-            self.viewport().update()
+        self.completion = rest
+        if rest:
+            at = self.cursorRect()
+            left = at.right() + 1
+            self._rest.setGeometry(left, at.top(), self.viewport().width() - left, self.fontMetrics().height())
 
     def focusInEvent(self, event: QFocusEvent) -> None:
         super().focusInEvent(event)
@@ -286,18 +296,7 @@ class SpeakField(QPlainTextEdit):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._fit()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        super().paintEvent(event)
-        if not self.completion:
-            return
-        painter = QPainter(self.viewport())
-        painter.setFont(self.font())
-        painter.setPen(self._theme.color("dim"))
-        cursor, metrics = self.cursorRect(), QFontMetricsF(self.font())
-        left = cursor.right() + 1
-        rest = metrics.elidedText(self.completion, Qt.TextElideMode.ElideRight, self.viewport().width() - left)
-        painter.drawText(QPointF(left, cursor.top() + metrics.ascent()), rest)
+        self._complete()
 
 
 _WITH = Qt.KeyboardModifier.ShiftModifier | Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier

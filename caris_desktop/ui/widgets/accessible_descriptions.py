@@ -7,10 +7,10 @@ from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.widgets.frame_view import FrameView
 
 EVERY_MS = 1000
-_LOOKS = (QEvent.Type.FocusIn, QEvent.Type.Enter, QEvent.Type.Show)
 
 
 class ThrottledAccessibleDescription(QObject):
@@ -28,7 +28,9 @@ class ThrottledAccessibleDescription(QObject):
         self._waits = False
         self._rest = QTimer(self, singleShot=True, interval=every_ms)
         self._rest.timeout.connect(self._on_rested)
-        widget.installEventFilter(self)
+        # Update on focus, and for a screen reader started meanwhile.
+        looks = QEvent.Type.FocusIn, QEvent.Type.Enter, QEvent.Type.Show
+        EventWatch(self, self.changed_urgently, *looks).add(widget)
 
     def changed(self) -> None:
         """Update the description now, or once the interval has passed."""
@@ -54,12 +56,6 @@ class ThrottledAccessibleDescription(QObject):
     def _on_rested(self) -> None:
         if self._waits:
             self._notify()
-
-    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        # Update on focus, and for a screen reader started meanwhile.
-        if event.type() in _LOOKS:
-            self.changed_urgently()
-        return False
 
 
 TOLD_EVERY_MS = 5000

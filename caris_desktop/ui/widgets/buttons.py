@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any, Literal
 
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt, Signal, SignalInstance
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, QSizeF, Qt, Signal, SignalInstance
 from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
@@ -96,7 +96,6 @@ class ActionButton(QAbstractButton):
         """Set whether the key cap is shown on the button or only in the tooltip."""
         if shown != self._key_shown:
             self._key_shown = shown
-            (self.removeEventFilter if shown else self.installEventFilter)(self)
             self.updateGeometry()
             self.update()
 
@@ -331,12 +330,12 @@ class ActionButton(QAbstractButton):
         else:
             super().mouseDoubleClickEvent(event)
 
-    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+    def event(self, event: QEvent) -> bool:
         """Add a key that is not shown to the tooltip."""
-        if not isinstance(event, QHelpEvent) or event.type() != QEvent.Type.ToolTip or not self.key:
-            return False
-        QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self.key})".strip(), self)
-        return True
+        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self.key and not self._key_shown:
+            QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self.key})".strip(), self)
+            return True
+        return super().event(event)
 
 
 _ANY_PX = 16_777_215

@@ -1,7 +1,7 @@
 """Line edits, text fields, check boxes and drop-downs that interrupt neither typing nor driving."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from PySide6.QtCore import QEvent, QRect, QRectF, QSize, Qt, Signal
@@ -14,16 +14,15 @@ from PySide6.QtWidgets import (
     QSizePolicy,
     QStyle,
     QStyleOptionComboBox,
-    QStylePainter,
     QToolButton,
     QToolTip,
     QWidget,
 )
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme, draw_icon
-from caris_desktop.ui.widgets.labels import named
+from caris_desktop.ui.widgets.labels import IconLabel, named
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -47,6 +46,33 @@ class SubmitLineEdit(QLineEdit):
         super().keyPressEvent(event)
         if event.key() != Qt.Key.Key_Escape:
             event.accept()
+
+
+class CommandLineEdit(QLineEdit):
+    """Field in which some keys are commands of its owner: ``command_of`` returns theirs, and something false for all
+    other keys.
+    """
+
+    commanded = Signal(object)
+    left = Signal()
+
+    def __init__(self, command_of: Callable[[QKeyEvent], object], **qt: Any) -> None:
+        """``qt``: properties and signals of Qt."""
+        super().__init__(**qt)
+        self._command_of = command_of
+
+    def event(self, event: QEvent) -> bool:
+        pressed = event.type() in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress)
+        if pressed and isinstance(event, QKeyEvent) and (command := self._command_of(event)):
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self.commanded.emit(command)
+            return True
+        return super().event(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self.left.emit()
 
 
 class SubmitTextEdit(QPlainTextEdit):
@@ -169,7 +195,10 @@ class DropDown(QComboBox):
     def __init__(self, theme: Theme, name: str, accessible_name: str, **qt: Any) -> None:
         """``qt``: properties and signals of Qt, such as toolTip and activated."""
         super().__init__(**qt)
-        self._theme = theme
+        # A style sheet with a border removes the style's arrow.
+        arrow = IconLabel(theme, "caret-down", "text", size_px=12)
+        arrow.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        layouts.hbox(self, 1, arrow, margins_px=(0, 0, 10, 0))
         self._widest_px = 0
         named(self, name, accessible_name)
         # Qt on Linux reports the value instead of the name, with this description.
@@ -208,9 +237,14 @@ class DropDown(QComboBox):
         needed_px = self.fontMetrics().horizontalAdvance(text) + self.width() - self._room_px() + 2
         self.setMinimumWidth(min(needed_px, self._widest_px))
 
+    def initStyleOption(self, option: QStyleOptionComboBox) -> None:
+        super().initStyleOption(option)
+        text, right = self.currentText(), Qt.TextElideMode.ElideRight
+        option.currentText = self.fontMetrics().elidedText(text, right, self._room_px())
+
     def _room_px(self) -> int:
         option = QStyleOptionComboBox()
-        self.initStyleOption(option)
+        super().initStyleOption(option)
         part = QStyle.SubControl.SC_ComboBoxEditField
         field = self.style().subControlRect(QStyle.ComplexControl.CC_ComboBox, option, part, self)
         return min(field.right() - 1, self.width() - _ARROW_PX) - max(field.left(), _BESIDE_PX // 2)
@@ -226,17 +260,3 @@ class DropDown(QComboBox):
             QToolTip.showText(event.globalPos(), "\n".join(lines), self)
             return True
         return super().event(event)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QStylePainter(self)
-        option = QStyleOptionComboBox()
-        self.initStyleOption(option)
-        option.currentText = self.fontMetrics().elidedText(
-            self.currentText(), Qt.TextElideMode.ElideRight, self._room_px()
-        )
-        painter.drawComplexControl(QStyle.ComplexControl.CC_ComboBox, option)
-        painter.drawControl(QStyle.ControlElement.CE_ComboBoxLabel, option)
-        # A style sheet with a border removes the style's arrow.
-        painter.setRenderHint(QStylePainter.RenderHint.Antialiasing)
-        rect = QRectF(self.width() - 22, self.height() / 2 - 6, 12, 12)
-        draw_icon(painter, rect, "caret-down", self._theme.color("text" if self.isEnabled() else "dim"))

@@ -3,11 +3,11 @@
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QFontMetricsF, QGuiApplication, QPainter, QPaintEvent, QPalette, QPen
 from PySide6.QtWidgets import QLabel, QLineEdit, QSizePolicy, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.theme import Theme, draw_icon
+from caris_desktop.ui.theme import Theme, icon
 
 FIELD_PX = 36
 Named = TypeVar("Named", bound=QWidget)
@@ -52,6 +52,9 @@ def restyle(widget: QWidget, **properties: object) -> None:
 class ElidedLabel(QLabel):
     """Label whose lines are elided; its tooltip has the whole text."""
 
+    lead: int | None = None
+    """Number of characters of a right-aligned line, the rest of which is dimmed."""
+
     def __init__(self, *, role: str = "", tone: str = "", **qt: Any) -> None:
         super().__init__(**qt)
         self.setProperty("role", role)
@@ -68,27 +71,35 @@ class ElidedLabel(QLabel):
         rect = self.contentsRect()
         metrics, right = self.fontMetrics(), Qt.TextElideMode.ElideRight
         text = "\n".join(metrics.elidedText(line, right, rect.width()) for line in self.text().split("\n"))
+        flags = int(self.alignment() | Qt.AlignmentFlag.AlignVCenter)
+        if self.lead is not None:
+            rest, text = text[self.lead :], text[: self.lead]
+            painter.setPen(QGuiApplication.palette().color(QPalette.ColorRole.PlaceholderText))
+            painter.drawText(rect, flags, rest)
+            rect.setRight(rect.right() - metrics.horizontalAdvance(rest))
         painter.setPen(self.palette().color(self.foregroundRole()))
-        painter.drawText(rect, int(self.alignment() | Qt.AlignmentFlag.AlignVCenter), text)
+        painter.drawText(rect, flags, text)
 
 
-class IconLabel(QWidget):
+class IconLabel(QLabel):
     """Icon of a fixed size beside the text that says what it means."""
 
     def __init__(self, theme: Theme, name: str = "", role: str = "dim", *, size_px: int = 18) -> None:
         super().__init__()
         self._theme, self._name, self._role = theme, name, role
         self.setFixedSize(size_px, size_px)
+        theme.restyle_on_change(self._draw)
 
     def show_icon(self, name: str, role: str) -> None:
-        self._name, self._role = name, role
-        self.update()
+        if (name, role) != (self._name, self._role):
+            self._name, self._role = name, role
+            self._draw()
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
+    def _draw(self) -> None:
         if self._name:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            draw_icon(painter, QRectF(self.rect()), self._name, self._theme.color(self._role))
+            self.setPixmap(icon(self._name, self._theme.color(self._role), self.width()).pixmap(self.size()))
+        else:
+            self.clear()
 
 
 HEIGHT_PX = 20

@@ -50,7 +50,7 @@ class PhotoThumbnail(Popup):
         layouts.vbox(self, self._picture, line, margins_px=(8, 8, 8, 0), spacing_px=0)
         self._going = QTimer(self, singleShot=True, interval=SHOWN_MS)
         self._going.timeout.connect(self.hide)
-        over.installEventFilter(self)
+        self.follow_parent()
 
     def show_photo(self, image: QImage | None, line: str, file_name: str) -> None:
         """Show the thumbnail; only the text if ``image`` is None."""

@@ -6,12 +6,13 @@ A popup window would end driving and take the focus.
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, Qt, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.event_watch import EventWatch
 from caris_desktop.ui.focus_widget import give_focus_back, window_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -38,12 +39,15 @@ class Popup(QWidget):
         self.hide()
 
     def place(self) -> None:
-        """Move the visible popup to its place in the resized parent, if it watches its events."""
+        """Move the visible popup to its place in the resized parent, if it follows it."""
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._room and event.type() == QEvent.Type.Resize and self.isVisible():
+    def follow_parent(self) -> None:
+        """Keep the place at each resize of the parent."""
+        EventWatch(self, self._on_parent_resized, QEvent.Type.Resize).add(self._room)
+
+    def _on_parent_resized(self) -> None:
+        if self.isVisible():
             self.place()
-        return False
 
 
 class DockCard(Popup):
@@ -56,7 +60,7 @@ class DockCard(Popup):
     def __init__(self, theme: Theme, over: QWidget, *, tone: str) -> None:
         super().__init__(theme, over, tone=tone)
         self.heading, self.text = label("", "heading", wraps=True), label(tone="dim", wraps=True)
-        over.installEventFilter(self)
+        self.follow_parent()
         self.column = layouts.vbox(
             self, self.heading, self.text, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX
         )
