@@ -113,7 +113,7 @@ class MainWindow(PanelWindow, QWidget):
         banners = EmergencyBanner(self.theme, console), GuardBanner(self.theme, console), self._question, hint
         self._strip = NoticeStrip(self.dock_host, *banners)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
-        self.marking.card.lie_below(self._protocol, self._strip)
+        self.marking.card.lie_on(self.dock_host, below=(self._protocol, self._strip))
         self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         to_check = PreflightButton(self.theme, console)
         to_check.clicked.connect(self.show_preflight)
