@@ -340,6 +340,18 @@ def test_the_answer_is_waited_for_five_seconds(window: MainWindow, console: Fake
     assert console.named("change_mark") == []
 
 
+def test_a_click_into_a_field_ends_the_question_for_the_kind(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    view, field = find(window, "video_view"), find(window, "speak_field")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+    click(qtbot, field)
+    QTest.keyClicks(field, "fine")
+    assert field.property("text") == "fine"
+    assert console.named("change_mark") == []
+
+
 def test_the_card_corrects_a_mark_with_the_mouse(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
