@@ -122,7 +122,7 @@ def test_the_list_shows_the_last_line_of_a_new_alarm(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
 ) -> None:
     console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
-    wrong(console, "No response from the robot. Check that it is on, and that nothing blocks it. " * 2, until="connected")
+    wrong(console, "No response from the robot. Check that it is on. Nothing blocks it. " * 2, until="connected")
     click(qtbot, find(window, "alarms_button"))
     (area,) = alarms.findChildren(QScrollArea)
     for _ in range(2):
