@@ -54,8 +54,8 @@ class PracticeStep(Value):
 STEPS = (
     PracticeStep(
         "drive", QT_TR_NOOP("Drive one metre"),
-        QT_TR_NOOP("Hold {key}, or Alt and the up arrow key: the robot drives as long as you hold them. The other arrow "
-            "keys turn and reverse."),
+        QT_TR_NOOP("Hold {key}, or Alt and the up arrow key: the robot drives as long as you hold them. The other "
+            "arrow keys turn and reverse."),
         40.0, "drive_forward",
     ),
     PracticeStep(
