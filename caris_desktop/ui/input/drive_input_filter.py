@@ -810,7 +810,9 @@ class DriveInputFilter(QObject):
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
         # A non-modal dialog closes only while it is in front; a stop from the main window leaves it open.
-        front = self._app.activeModalWidget() or self._app.activeWindow()
+        modal, front = self._app.activeModalWidget(), self._app.activeWindow()
+        if modal is not None and (front is None or front.parentWidget() is not modal):
+            front = modal  # its own window, such as its help, closes before it
         if popup is not None:
             # A menu closes with its submenus, so that a second Esc finds neither.
             while popup is not None:
