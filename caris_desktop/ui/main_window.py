@@ -142,7 +142,7 @@ class MainWindow(PanelWindow, QWidget):
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self._saved = SavedSessionCard(self.theme, self.dock_host, self.sessions, console.state.present.now_ns)
-        for card in (self._going_on, self._saved):
+        for card in (self._going_on, self._saved, self.marking.card):
             self.problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, hint, self.robots, self, settings=settings)

@@ -227,8 +227,7 @@ class MarkCard(Popup):
         words, top = layouts.vbox(None, self._title, self._line, spacing_px=1), layouts.TOP
         head = layouts.hbox(None, (self._icon, 0, top), (words, 1), (close, 0, top), spacing_px=10)
         parts = self._labels, self._kinds, self._correct, self._note_row
-        below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
-        layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
+        layouts.vbox(self, head, *parts, margins_px=(14, 10, 8, 12), spacing_px=8)
         self._away = QTimer(self, singleShot=True)
         self._away.timeout.connect(self._on_away)
         self._second = QTimer(self, interval=250)

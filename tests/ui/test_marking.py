@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain.events import Marked, Problem
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind, RecordingSettings
@@ -103,6 +103,20 @@ def test_a_mark_covers_no_title_or_control_of_a_panel(
             assert dock.rect().translated(dock.mapTo(window, QPoint())).contains(card.geometry())
         for text in (text for text in card.findChildren(QLabel) if text.isVisible()):
             assert text.height() >= text.heightForWidth(text.width()), "the whole text is shown"
+
+
+@pytest.mark.panels("video", "speak")
+def test_a_mark_covers_no_alarm(window: MainWindow, console: FakeConsole) -> None:
+    window.resize(640, 700)
+    console.state.add(Problem(1, "error", "No video from the camera.", "You cannot see.", "Do not drive."))
+    QApplication.processEvents()
+    assert window.problems.isVisible()
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, CTRL)
+    QApplication.processEvents()
+    card, alarms = find(window, "mark_card"), window.problems
+    place = alarms.rect().translated(alarms.mapTo(window, QPoint()))
+    assert alarms.isHidden() or not place.intersects(card.geometry())
+    assert alarms.isVisible() or find(window, "problem_line").isVisible()
 
 
 def present(console: FakeConsole) -> list[Marked]:
