@@ -114,7 +114,7 @@ class MainWindow(PanelWindow, QWidget):
         banners = EmergencyBanner(self.theme, console), GuardBanner(self.theme, console), self._question, hint
         self._strip = NoticeStrip(self.dock_host, *banners)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
-        self.marking.card.lie_below(self._protocol, self._strip)
+        self.marking.card.lie_on(self.dock_host, below=(self._protocol, self._strip))
         self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         to_check = PreflightButton(self.theme, console)
         to_check.clicked.connect(self.show_preflight)
@@ -143,7 +143,7 @@ class MainWindow(PanelWindow, QWidget):
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self._saved = SavedSessionCard(self.theme, self.dock_host, self.sessions, console.state.present.now_ns)
-        for card in (self._going_on, self._saved):
+        for card in (self._going_on, self._saved, self.marking.card):
             self.problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, hint, self.robots, self, settings=settings)

@@ -1,10 +1,10 @@
 """Manual marks: a tap marks a moment, a held key an interval; wizard errors, notes and the mark popup."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from PySide6.QtCore import QObject, QRect, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QRect, QTimer, Signal
 from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QWidget
 
@@ -18,8 +18,10 @@ from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import MARKS_GROUP
+from caris_desktop.ui.dock_area import Dock, DockArea
 from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -153,18 +155,22 @@ class Marking(QObject):
         self.card.close_card()
 
 
-MARK_CARD_WIDTH_PX = 720
+_WIDEST_PX = 720
 _SHOWN_MS = 6000
 _SAID_MS = 2500
-_LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
+_EDGE_PX = 4
+_LEAST_PX = 400
+"""Least width of a picture that the popup lies on."""
+_UPPER_PX = 2 * TITLE_HEIGHT_PX
+"""The tabs and title bars of the upper panels are in this height."""
 _ICONS = {"mark": "bookmark-simple", "note": "note-pencil", "wizard_error": "warning"}
 
 
 class MarkCard(Popup):
     """Mark popup: shows a mark for a few seconds with time, label and single-key corrections.
 
-    Popup below the top bar and the status indicators, which a mark must not cover. Takes the focus only for writing a
-    note, and returns it.
+    Lies on the picture, below its controls, and covers no title. Takes the focus only for writing a note, and returns
+    it.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -183,7 +189,8 @@ class MarkCard(Popup):
         self._asks = False
         self._note_for = ""
         self._note_began_s = 0.0
-        self._below: tuple[QWidget, ...] = ()
+        self._docks: DockArea | None = None
+        self._below: Sequence[QWidget] = ()
         self._focus_before: QWidget | None = None
         self._icon = IconLabel(theme, size_px=20)
         self._title = label("", "title", objectName="mark_card_title")
@@ -206,9 +213,7 @@ class MarkCard(Popup):
             "mark_card_undo", tr("Undo"), lambda: actions.run("mark_undo"), icon="arrow-u-up-left",
             toolTip=tr("Undo this mark"),
         )  # fmt: skip
-        self._correct = QWidget()
-        corrections = self._end, self._earlier, self._add_note, self._undo
-        layouts.hbox(self._correct, *corrections, margins_px=0, spacing_px=6)
+        self._correct = FlowRow(self._end, self._earlier, self._add_note, self._undo, gap_px=6)
         self.field = SubmitLineEdit(objectName="note_field", accessibleName=tr("Note"), maxLength=400, minimumHeight=36)
         self.field.setPlaceholderText(tr("What is happening?"))
         self.field.returnPressed.connect(self._store_note)
@@ -217,12 +222,9 @@ class MarkCard(Popup):
         self._note_row = QWidget()
         layouts.hbox(self._note_row, (self.field, 1), self._keep, leave, margins_px=0, spacing_px=6)
         words, top = layouts.vbox(None, self._title, self._line, spacing_px=1), layouts.TOP
-        head = layouts.hbox(
-            None, (self._icon, 0, top), (words, 1), (self._correct, 0, top), (close, 0, top), spacing_px=10
-        )
-        parts = self._labels, self._kinds, self._note_row
-        below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
-        self._column = layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
+        head = layouts.hbox(None, (self._icon, 0, top), (words, 1), (close, 0, top), spacing_px=10)
+        parts = self._labels, self._kinds, self._correct, self._note_row
+        self._column = layouts.vbox(self, head, *parts, margins_px=(14, 10, 8, 12), spacing_px=8)
         self._away = QTimer(self, singleShot=True)
         self._away.timeout.connect(self._on_away)
         self._second = QTimer(self, interval=250)
@@ -236,9 +238,9 @@ class MarkCard(Popup):
         more = {"height_px": 30, "text_px": tokens.STATUS_PX + 1, "objectName": name, "clicked": run, **more}
         return ActionButton(self._theme, text, **more)
 
-    def lie_below(self, *strips: QWidget) -> None:
-        """Place the popup below those of the strips that are visible."""
-        self._below = strips
+    def lie_on(self, docks: DockArea, *, below: Sequence[QWidget]) -> None:
+        """Place the popup on the picture, else under the titles of the upper panels, and below the visible strips."""
+        self._docks, self._below = docks, below
 
     # ---- display
 
@@ -495,17 +497,24 @@ class MarkCard(Popup):
             self.close_card()
 
     def place(self) -> None:
-        width = min(MARK_CARD_WIDTH_PX, self._window.width() - 2 * _LEFT_PX)
+        if self._docks is None:
+            return
+        picture = self._docks.picture_place()
+        room = picture if picture.width() >= _LEAST_PX else self._docks.rect()
+        docks = (dock for dock in self._docks.findChildren(Dock) if dock.isVisible())
+        titles = [
+            dock.title_bar for dock in docks if room.intersects(dock.geometry()) and dock.y() < room.top() + _UPPER_PX
+        ]
+        above = [part for part in (*self._below, *titles) if part.isVisible()]
+        top = max((part.mapTo(self._window, part.rect().bottomLeft()).y() for part in above), default=0) + _EDGE_PX
+        left = room.translated(self._docks.mapTo(self._window, QPoint())).left() + _EDGE_PX
+        width = min(_WIDEST_PX, room.width() - 2 * _EDGE_PX)
         self._column.invalidate()
         self._column.activate()
-        height = self._column.heightForWidth(width)
-        visible = [strip for strip in self._below if strip.isVisible()]
-        bottoms = [strip.mapTo(self._window, strip.rect().bottomLeft()).y() + 4 for strip in visible]
-        top = max(bottoms, default=_BELOW_TOP_BAR_PX)
-        usual, room = QRect(_LEFT_PX, top, width, height), self._window.width() - 2 * _LEFT_PX
+        usual = QRect(left, top, width, self._column.heightForWidth(width))
         taken = [window.place_in(self._window) for window in windows_above(self._window)]
-        place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual
-        self.setGeometry(place)
+        free = clear_place(usual, QRect(_EDGE_PX, top, self._window.width() - 2 * _EDGE_PX, usual.height()), taken)
+        self.setGeometry(free or usual)
 
 
 def _moment_ns(mark: Marked) -> int:

@@ -56,8 +56,8 @@ class Overlay(QWidget):
         for part in self._in_sight:
             part.stay_clear_of(self.card)
         self._moves.add(*self._in_sight)
-        self._place()
         self.show()
+        self._place()  # after the first showing, which styles the texts and so determines their height
         self.raise_()
         activate_window(self._window)
 

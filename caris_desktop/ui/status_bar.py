@@ -390,15 +390,14 @@ class StatusBar(Bar, InSight):
             if item.role == "dim" and item.text:
                 hidden.append(item.text)
         battery = self.items["battery"]
-        battery.leave_out(False)
-        with_text = {name: item for name, item in self.items.items() if item.text and not item.left_out}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
-        widths += [item.full_px for item in with_text.values()]
+        widths += [each.full_px for each in self.items.values() if each.text and (each is battery or not each.left_out)]
         news_px = min(self._news.full_px, _NEWS_PX[1])
         widths += [] if self._news.isHidden() else [news_px]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
-        if missing_px > 0 and battery.text and battery.role == "dim":
-            battery.leave_out(True)
+        gives_way = missing_px > 0 and bool(battery.text) and battery.role == "dim"
+        battery.leave_out(gives_way)  # once: shown for a moment, it would leave a gap, and others overlap
+        if gives_way:
             missing_px -= battery.full_px + _GAP_PX
             hidden.append(battery.text)
         self.setToolTip("\n".join(hidden))

@@ -275,10 +275,7 @@ def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
 
 
 def drive_line(drive: DriveStatus) -> str:
-    if drive.emergency_stop:
-        moves = drive.movement == "uncommanded"
-        return tr("Emergency stop active, but the robot is moving") if moves else tr("Emergency stop active")
-    if not drive.allowed:
+    if not drive.allowed or drive.emergency_stop:
         return tr("Driving is off")
     commanded = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
     match drive.movement:

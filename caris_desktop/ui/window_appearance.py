@@ -115,7 +115,7 @@ class Appearance:
 
 def scale_words(scale: str) -> str:
     if not scale:
-        return tr("Size: same as system")
+        return tr("Size: Same as system")
     return tr("Size: {percent} % after a restart").format(percent=percent_of(scale))
 
 

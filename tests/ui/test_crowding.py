@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
+    QPushButton,
     QTabBar,
     QTextEdit,
     QWidget,
@@ -304,6 +305,45 @@ def test_banners_cover_no_title_field_or_button(opened: Open, scenario: str, pic
         console.clear_emergency_stop()
         console.set_guard(on=True)
         window._question.put_away()
+
+
+@pytest.mark.parametrize("guard", ["clear", "overridden"])
+def test_the_drive_panel_fits_into_its_tab(opened: Open, guard: str) -> None:
+    window, console = opened("tour-guide")
+    window.resize(*SIZE)
+    window.board.open("drive")
+    console.state.drive.set(DriveStatus(True, "", guard=guard))  # type: ignore[arg-type]
+    for _ in range(3):
+        QApplication.processEvents()
+    panel = window.panels["drive"]
+    for part in (part for part in panel.findChildren(QWidget) if part.isVisible()):
+        assert panel.rect().contains(part.rect().translated(part.mapTo(panel, QPoint()))), part.objectName()
+    for step in panel.findChildren(QPushButton, "speed_step"):
+        assert step.fontMetrics().horizontalAdvance(step.text()) <= step.width() - 10, f"{step.text()} is cut off"
+
+
+def test_the_emergency_stop_is_said_by_its_banner_and_its_button(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    show_picture(console, 640, 480)
+    window.resize(*SIZE)
+    console.emergency_stop()
+    says = []
+    for name in ("drive", "robot", "video"):
+        window.board.open(name)  # type: ignore[arg-type]
+        QApplication.processEvents()
+        video = window.panels["video"]
+        assert isinstance(video, VideoPanel)
+        says += [text for text, _role, _place in video.view._chip_places() if "mergency" in text]
+        for part in window.findChildren(QWidget):
+            if (
+                isinstance(part, QLabel | QAbstractButton)
+                and part.isVisible()
+                and "mergency stop active" in part.text()
+            ):
+                says.append(part.text())
+    assert sorted({*says}) == [
+        "Emergency stop active", "Emergency stop active. No motion commands until you release it."
+    ]  # fmt: skip
 
 
 def test_a_narrow_conversation_says_what_is_proposed(opened: Open) -> None:

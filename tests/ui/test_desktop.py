@@ -135,6 +135,18 @@ def test_a_held_key_repeats_only_where_it_was_pressed(desktop: Desktop) -> None:
     assert not desktop.intents("start_session")
 
 
+def test_escape_closes_the_help_of_a_dialog_and_then_the_dialog(desktop: Desktop) -> None:
+    desktop.send_command("dialog")
+    desktop.expect("ACTIVE StartDialog")
+    desktop.do("key", "F1")
+    desktop.expect("ACTIVE HelpWindow")
+    desktop.do("key", "Escape")
+    desktop.expect("stop", "ACTIVE StartDialog")
+    assert "DIALOG False" not in desktop.since()
+    desktop.do("sleep", "0.1", "key", "Escape")
+    desktop.expect("DIALOG False")
+
+
 def test_qt_is_told_which_presses_are_repeats(desktop: Desktop) -> None:
     """Otherwise a button held by Space is pressed thirty times a second, and a list confirms each."""
     desktop.send_command("count_presses")

@@ -3,9 +3,11 @@
 import itertools
 
 import pytest
+from PySide6.QtCore import QEvent, QObject
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import ElidedLabel
 from tests.support.window_check import painted_by
@@ -36,6 +38,26 @@ def test_items_left_out_of_the_status_bar_are_in_its_tip(window: MainWindow) -> 
 
 
 @pytest.mark.panels("speak")
+def test_the_battery_without_room_is_not_shown_for_a_moment(window: MainWindow) -> None:
+    bar = find(window, "status_bar")
+    assert isinstance(bar, StatusBar)
+    battery = bar.items["battery"]
+    _wide(window, 640)
+    assert battery.isHidden()
+    shown: list[QEvent.Type] = []
+
+    class Watch(QObject):
+        def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+            shown.append(event.type())
+            return False
+
+    watch = Watch()
+    battery.installEventFilter(watch)
+    bar.refresh()
+    QApplication.processEvents()
+    assert QEvent.Type.Show not in shown
+
+
 def test_a_button_loses_its_words_before_the_title_is_cut(window: MainWindow) -> None:
     bar = window.dock_host.docks["speak"].title_bar
     button, title = find(window, "silence_button"), bar.findChild(ElidedLabel)

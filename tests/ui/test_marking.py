@@ -6,14 +6,15 @@ import pytest
 from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.events import Marked
+from caris_desktop.domain.events import Marked, Problem
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind, RecordingSettings
 from caris_desktop.ui.action_rows import ACTIONS
+from caris_desktop.ui.dock_area import PanelTitleBar
 from caris_desktop.ui.key_choices import position_codes
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
@@ -76,6 +77,46 @@ def test_no_mark_hides_what_a_glance_reads(
         assert not card.geometry().intersects(chip.toRect().translated(view.mapTo(window, QPoint())))
     recording = find(window, "record_button")
     assert card.geometry().top() > recording.mapTo(window, recording.rect().bottomLeft()).y()
+
+
+@pytest.mark.panels("video", "map", "conversation", "speak")
+@pytest.mark.parametrize("pictured", [True, False])
+@pytest.mark.parametrize("size", [(1366, 768), (1920, 1080)])
+def test_a_mark_covers_no_title_or_control_of_a_panel(
+    window: MainWindow, console: FakeConsole, size: tuple[int, int], pictured: bool
+) -> None:
+    if not pictured:
+        window.board.close("video")
+    window.resize(*size)
+    QApplication.processEvents()
+    for key in (Qt.Key.Key_M, Qt.Key.Key_N):
+        QTest.keyClick(find(window, "speak_field"), key, CTRL)
+        QApplication.processEvents()
+        card = find(window, "mark_card")
+        assert card.isVisible()
+        for bar in window.dock_host.findChildren(PanelTitleBar):
+            for part in (part for part in bar.findChildren(QWidget) if part.isVisible()):
+                place = part.rect().translated(part.mapTo(window, QPoint()))
+                assert not card.geometry().intersects(place), f"{bar.parent().objectName()}: {part.objectName()}"
+        if pictured:
+            dock = find(window, "dock_video")
+            assert dock.rect().translated(dock.mapTo(window, QPoint())).contains(card.geometry())
+        for text in (text for text in card.findChildren(QLabel) if text.isVisible()):
+            assert text.height() >= text.heightForWidth(text.width()), "the whole text is shown"
+
+
+@pytest.mark.panels("video", "speak")
+def test_a_mark_covers_no_alarm(window: MainWindow, console: FakeConsole) -> None:
+    window.resize(640, 700)
+    console.state.add(Problem(1, "error", "No video from the camera.", "You cannot see.", "Do not drive."))
+    QApplication.processEvents()
+    assert window.problems.isVisible()
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, CTRL)
+    QApplication.processEvents()
+    card, alarms = find(window, "mark_card"), window.problems
+    place = alarms.rect().translated(alarms.mapTo(window, QPoint()))
+    assert alarms.isHidden() or not place.intersects(card.geometry())
+    assert alarms.isVisible() or find(window, "problem_line").isVisible()
 
 
 def present(console: FakeConsole) -> list[Marked]:
@@ -310,6 +351,18 @@ def test_the_answer_is_waited_for_five_seconds(window: MainWindow, console: Fake
     window.marking._answer_time.timeout.emit()
     QTest.keyClick(field, Qt.Key.Key_F)
     assert field.property("text") == "f"
+    assert console.named("change_mark") == []
+
+
+def test_a_click_into_a_field_ends_the_question_for_the_kind(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole
+) -> None:
+    view, field = find(window, "video_view"), find(window, "speak_field")
+    view.setFocus()
+    QTest.keyClick(view, Qt.Key.Key_M, SHIFT)
+    click(qtbot, field)
+    QTest.keyClicks(field, "fine")
+    assert field.property("text") == "fine"
     assert console.named("change_mark") == []
 
 

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from PySide6.QtWidgets import QLabel
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
@@ -40,6 +42,17 @@ def test_it_leads_from_step_to_step_with_the_key_that_does_it(
     click(qtbot, find(window, "practice_skip"))
     click(qtbot, find(window, "practice_end"))
     assert console.calls[-2][0] == "SkipPracticeStep" and console.calls[-1][0] == "EndPractice"
+
+
+def test_the_keys_of_the_first_step_drive_wherever_the_focus_is(window: MainWindow, console: FakeConsole) -> None:
+    console.state.practice.set(status_at(0))
+    for place in ("speak_field", "people_list"):
+        find(window, place).setFocus()
+        QApplication.processEvents()
+        assert "Hold Alt W, or Alt and the up arrow key" in _text(window, "practice_how")
+        QTest.keyPress(find(window, place), Qt.Key.Key_Up, Qt.KeyboardModifier.AltModifier)
+        assert console.calls[-1][0] == "drive"
+        QTest.keyRelease(find(window, place), Qt.Key.Key_Up, Qt.KeyboardModifier.AltModifier)
 
 
 def test_the_return_is_on_the_button(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:

@@ -138,10 +138,10 @@ def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
     reason = find(panel, "robot_reason")
     assert isinstance(reason, QLabel)
     assert reason.isVisible()
-    assert "Emergency stop active" in reason.text()
+    assert "when you release the emergency stop" in reason.text()
     assert not find(panel, "control_wave_button").isEnabled()
-    assert "Emergency stop active" in find(panel, "control_wave_button").parentWidget().toolTip()
-    assert panel.fact == ("emergency stop active", "amber")
+    assert reason.text() in find(panel, "control_wave_button").parentWidget().toolTip()
+    assert panel.fact == ("motion is off", "amber")
     click(qtbot, find(panel, "control_wave_button"))
     click(qtbot, find(panel, "control_lamp_button"))
     assert console.named("use_control") == [("lamp", True)]

@@ -168,8 +168,8 @@ class CrashRecoveryService(ContextService):
     def _persist(self) -> None:
         state, scenario, connection = self._state, self._scenario, self._robot.connection
         folder: Path | None = state.recording.value.folder
-        if folder is None or self._end_expected:
-            return
+        if folder is None or self._end_expected or state.practice.value.state:
+            return  # a practice begins anew, with no participant to ask
         trial = UnfinishedTrial(
             folder,
             str(scenario.path) if scenario is not None and scenario.path is not None else "",

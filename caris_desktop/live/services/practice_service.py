@@ -54,8 +54,8 @@ class PracticeStep(Value):
 STEPS = (
     PracticeStep(
         "drive", QT_TR_NOOP("Drive one metre"),
-        QT_TR_NOOP("Hold {key} or the up arrow key: the robot drives while you hold it. The other arrow keys turn and "
-            "reverse."),
+        QT_TR_NOOP("Hold {key}, or Alt and the up arrow key: the robot drives as long as you hold them. The other "
+            "arrow keys turn and reverse."),
         40.0, "drive_forward",
     ),
     PracticeStep(
@@ -76,7 +76,7 @@ STEPS = (
     ),
     PracticeStep(
         "photo", QT_TR_NOOP("Take a photo"),
-        QT_TR_NOOP("Press {key}, or Photo above the video."), 20.0, "photo",
+        QT_TR_NOOP("Press {key}, or Photo on the picture."), 20.0, "photo",
     ),
     PracticeStep(
         "ask", QT_TR_NOOP("Ask the assistant"),

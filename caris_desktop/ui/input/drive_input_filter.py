@@ -187,9 +187,9 @@ class DriveInputFilter(QObject):
     ) -> None:
         """Capture the next key press, before any other handler, if its position is one of ``letters``.
 
-        ``answer`` receives the letter, or an empty text if another key was pressed, which keeps its usual effect. Held
-        drive keys keep driving and do not answer. ``after``: modifiers of the chord that asked, which may still be
-        held.
+        ``answer`` receives the letter, or an empty text if another key was pressed or a part of the window clicked,
+        which keep their usual effect. Held drive keys keep driving and do not answer. ``after``: modifiers of the chord
+        that asked, which may still be held.
         """
         self._question = letters, answer, after
 
@@ -303,6 +303,8 @@ class DriveInputFilter(QObject):
         if not goes_up and isinstance(watched, QWidget):
             self._followed_ms = int(event.timestamp())
             self._clicked_elsewhere = not self._is_driving_part(watched)
+            if key_place_of(watched) is not None:
+                self._end_question()  # the next key is for the clicked part
             if self._is_ours(window := window_of(watched)):
                 follow_click(watched, drives=self._drives_with(window.focusWidget()))
         # Qt uses the first press outside a menu or combo box to close it; a stop must not need a second press.
@@ -527,9 +529,14 @@ class DriveInputFilter(QObject):
                 self._question = None
                 answer(letter)
             return True
-        self._question = None
-        answer("")
+        self._end_question()
         return False
+
+    def _end_question(self) -> None:
+        """Answer the question with an empty text."""
+        question, self._question = self._question, None
+        if question is not None:
+            question[1]("")
 
     def _mark_for(self, event: QKeyEvent) -> Hold | None:
         """Action of kind "mark" or "talk" on this key now."""
@@ -803,7 +810,9 @@ class DriveInputFilter(QObject):
     def _close_what_escape_closes(self) -> None:
         popup = self._app.activePopupWidget()
         # A non-modal dialog closes only while it is in front; a stop from the main window leaves it open.
-        front = self._app.activeModalWidget() or self._app.activeWindow()
+        modal, front = self._app.activeModalWidget(), self._app.activeWindow()
+        if modal is not None and (front is None or front.parentWidget() is not modal):
+            front = modal  # its own window, such as its help, closes before it
         if popup is not None:
             # A menu closes with its submenus, so that a second Esc finds neither.
             while popup is not None:

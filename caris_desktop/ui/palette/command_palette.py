@@ -33,8 +33,6 @@ _KEY = "palette/used"
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
 _ALIKE = 0.75
 _LONG_ENOUGH_TO_GUESS = 4
-_LONG_ENOUGH_TO_RUN_A_GUESS = 5
-"""With one other letter, a shorter word is another word: Mara is not Mark."""
 _LEAST_OF_A_NAME = 3
 _ENOUGH = 30
 """Fuzzy matches are skipped if there are this many exact ones."""
@@ -45,12 +43,12 @@ _LONGEST_QUERY = 200
 class PaletteItem(Value):
     """Item that can be found and run; ``also``: synonyms.
 
-    ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``deliberate``: disables a
-    protection, so it is never preselected and needs Enter or a click twice; ``again`` is the prompt in between.
-    ``first``: sorted before all other results. ``named``: name of the object; a query that only contains the name does
-    not preselect the item unless ``by_name``, as for a place, which has a single command. ``id``: stable key of the
-    usage history, independent of language and without personal data. ``common``: listed as frequently used until there
-    is a history.
+    ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``ends``: ends or pauses
+    something. ``deliberate``: disables a protection, so it is never preselected and needs Enter or a click twice;
+    ``again`` is the prompt in between. ``first``: sorted before all other results. ``named``: name of the object; a
+    query that only contains the name does not preselect an item that ``acts`` or ``ends``, unless ``by_name``, as for
+    a place, which has a single command. ``id``: stable key of the usage history, independent of language and without
+    personal data. ``common``: listed as frequently used until there is a history.
     """
 
     text: str
@@ -60,6 +58,7 @@ class PaletteItem(Value):
     key: str = ""
     also: str = ""
     acts: bool = False
+    ends: bool = False
     deliberate: bool = False
     again: str = ""
     first: bool = False
@@ -181,12 +180,13 @@ class Finder:
 
 
 def enter_runs_first(found: Sequence[PaletteItem], query: str) -> bool:
-    """Whether Enter may run the first result. A guess needs a long word. An item that acts needs its verb or, if
-    ``by_name``, some letters of its name, and no other result may fit as well.
+    """Whether Enter may run the first result. A guess must be chosen: "charge" is like the last change, which can be
+    undone. An item that acts needs its verb or, if ``by_name``, some letters of its name, and no other result may fit
+    as well.
     """
     first, *others = found
     words = f"{first.text} {first.kind} {first.also}".casefold()
-    if any(word not in words and len(word) < _LONG_ENOUGH_TO_RUN_A_GUESS for word in _meaningful(query)):
+    if any(word not in words for word in _meaningful(query)):
         return False
     if not first.acts or not says_what_to_do(first, query):
         return says_what_to_do(first, query)
@@ -200,7 +200,7 @@ def enter_runs_first(found: Sequence[PaletteItem], query: str) -> bool:
 def says_what_to_do(entry: PaletteItem, query: str) -> bool:
     """Whether the query names what the item does, or equals its whole text."""
     query_words = _meaningful(query)
-    if not (entry.acts and entry.named):
+    if not entry.named or not (entry.acts or entry.ends):
         return True
     if entry.by_name and _begin_words_of(entry.named, query_words):
         return True

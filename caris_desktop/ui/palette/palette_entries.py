@@ -337,9 +337,11 @@ class PaletteEntries:
                 _DO, QT_TR_NOOP("Resume recording") if paused else QT_TR_NOOP("Pause recording"),
                 "record" if paused else "pause", self._ask(intents.PauseRecording(not paused)),
                 QT_TR_NOOP("resume continue break"), id="Do: Go on recording" if paused else "",
+                ends=True, named=tr("recording"),
             )  # fmt: skip
             stop = self._ask(intents.StopRecording())
-            yield item(_DO, QT_TR_NOOP("Stop recording"), "stop", stop, QT_TR_NOOP("end finish"))
+            text, also = QT_TR_NOOP("Stop recording"), QT_TR_NOOP("end finish")
+            yield item(_DO, text, "stop", stop, also, ends=True, named=tr("recording"))
         else:
             also = QT_TR_NOOP("begin trial new session")
             yield item(_DO, QT_TR_NOOP("Start recording"), "record", windows.open_start_dialog, also, common=True)

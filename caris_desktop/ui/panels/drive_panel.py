@@ -268,7 +268,7 @@ _NAMES = {
 _LOW_PX = 196
 _VIEW_PX, _OTHERS_PX = 130, 110  # heights of arrows, stick or head, and of text and settings
 _GAP_PX = 12
-_ARROW_WIDTH_PX = 74
+_ARROW_WIDTH_PX = 56
 _GUARD_HINT_MS = 4000
 
 
@@ -444,6 +444,8 @@ class DrivePanel(Panel):
     def _reason_words(self, drive: DriveStatus, *, has_goal: bool) -> tuple[str, str]:
         """Reason line below the current activity, and its colour role."""
         guard = text_formatting.guard_line(drive)
+        if drive.emergency_stop and not self.state.present.live:
+            return tr("Emergency stop active"), "red"  # a replay has no banner
         if drive.emergency_stop:
             return tr("Release the emergency stop in the red bar above to drive again."), "red"
         if not drive.allowed:
@@ -512,7 +514,7 @@ class SpeedSteps(QWidget):
             step = named(QPushButton(tr(name)), "speed_step")
             step.setCheckable(True)
             step.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            step.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Expanding)
+            step.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
             step.clicked.connect(partial(self._on_clicked, fraction))
             steps.addWidget(step)
             self._steps.append(step)
@@ -524,7 +526,7 @@ class SpeedSteps(QWidget):
         return QSize(260, 30)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(132, 30)
+        return QSize(sum(step.sizeHint().width() for step in self._steps), 30)
 
     def show_fraction(self, fraction: float) -> None:
         step = speed_step(fraction)
@@ -669,7 +671,7 @@ class HoldArrow(QWidget):
         key = self._actions.key_text(self._action_id)
         cap = key_cap_width(theme, key)
         beside = rect.height() < 62
-        arrow_px = min(20.0, rect.height() * 0.4)
+        arrow_px = min(20.0, rect.height() * 0.4, rect.width() - cap - 12 if beside else rect.width())
         center = rect.center()
         arrow_center = (
             QPointF(center.x() - (cap + 8) / 2, center.y()) if beside else QPointF(center.x(), center.y() - 13)

@@ -41,7 +41,7 @@ _NOT_USABLE = {
     "lost": QT_TR_NOOP("The robot is out of reach."),
     "closed": QT_TR_NOOP("No robot is connected."),
 }
-_HELD = QT_TR_NOOP("Emergency stop active. Controls that move the robot work again when you release it.")
+_HELD = QT_TR_NOOP("Controls that move the robot work again when you release the emergency stop.")
 
 
 class RobotPanel(Panel):
@@ -176,7 +176,7 @@ class RobotPanel(Panel):
         if reason:
             self.set_fact(tr("not connected"), "amber")
         elif held:
-            self.set_fact(tr("emergency stop active"), "amber")
+            self.set_fact(tr("motion is off"), "amber")
         elif busy:
             self.set_fact(tr("{control}: requested").format(control=busy[0].control.title), "blue")
         elif failed:

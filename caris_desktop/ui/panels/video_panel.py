@@ -296,8 +296,8 @@ class VideoPanel(Panel):
         if self.table.spec("drive_forward") is None:
             return hints
         if drive.emergency_stop:
-            hints.append((tr("Emergency stop active"), "warning"))
-        elif not drive.allowed:
+            return hints  # the banner says so
+        if not drive.allowed:
             off = tr("Driving is off: {reason}") if drive.reason else tr("Driving is off")
             hints.append((off.format(reason=tr(drive.reason)), "warning"))
         elif not self.hold.held and (self.hold.must_let_go or time.monotonic() < self._ended[1]):

@@ -19,7 +19,7 @@ from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters, CrashRecoveryService
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import ProtocolStatus
+from caris_desktop.live.status import PracticeStatus, ProtocolStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_file import find_scenario, load_scenario
 from tests.support.crashed_trial import assign_to_ended_process
@@ -291,6 +291,13 @@ def test_a_recording_that_ended_is_not_unfinished(run: Run, tmp_path: Path) -> N
     run.state.recording.set(replace(run.state.recording.value, state="idle"))
     run.settle()
     assert list((tmp_path / "trials").iterdir()) == []
+
+
+def test_a_practice_is_no_trial_to_resume(run: Run, tmp_path: Path) -> None:
+    run.state.practice.set(PracticeStatus("preparing"))
+    run.record("one")
+    run.settle()
+    assert not (tmp_path / "trials").exists()
 
 
 def test_a_wizard_who_does_not_resume_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:

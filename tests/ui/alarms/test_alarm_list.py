@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import ANSWER, Problem
@@ -115,3 +115,17 @@ def test_notes_are_lines_of_the_log_alone(window: MainWindow, console: FakeConso
     assert window.problems.cards == ()
     assert console.state.alarms.value == ()
     assert any("uncompressed" in line for line in window.panels["session"].log_lines())  # type: ignore[attr-defined]
+
+
+@pytest.mark.panels("speak")
+def test_the_list_shows_the_last_line_of_a_new_alarm(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
+) -> None:
+    console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
+    wrong(console, "No response from the robot. Check that it is on. Nothing blocks it. " * 2, until="connected")
+    click(qtbot, find(window, "alarms_button"))
+    (area,) = alarms.findChildren(QScrollArea)
+    for _ in range(2):
+        QApplication.processEvents()
+        assert area.viewport().height() >= area.widget().heightForWidth(area.viewport().width())
+        wrong(console, "Classes unknown to the detector: cake, and many others that nobody has ever heard of. " * 2)

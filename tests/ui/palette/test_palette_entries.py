@@ -513,6 +513,17 @@ def test_a_short_word_is_no_misspelt_one(window: MainWindow, console: FakeConsol
     assert console.calls == [] and window.board.is_open("video")
 
 
+@pytest.mark.panels("video", "speak", "people")
+def test_enter_runs_no_guess_and_ends_no_recording_without_a_verb(window: MainWindow, console: FakeConsole) -> None:
+    console.calls.clear()
+    for typed in ("charge", "peoples", "recrod", "recording", "record", "quiet"):
+        entered(window, typed)
+        assert console.calls == [], typed
+    entered(window, "pause")
+    entered(window, "stop recording")
+    assert [name for name, _ in console.calls] == ["pause_session", "stop_session"]
+
+
 @pytest.mark.panels("video", "speak", "map")
 def test_words_are_taken_as_they_stand_before_they_are_taken_apart(window: MainWindow, console: FakeConsole) -> None:
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True))
