@@ -60,7 +60,6 @@ class ProposalsService(ContextService):
         super().__init__(context)
         self._model = model
         self._do = do
-        self._scenario: Scenario | None = None
         self._asking = ""
         self._proposals = Proposals(self._bus.publish, lambda: f"a-{secrets.token_hex(4)}")
         self._timer = new_timer(self, self._on_time, single_shot=True, precise=True)
@@ -117,7 +116,7 @@ class ProposalsService(ContextService):
         state, robot = self._state, self._state.robot.value
         head = robot.head if robot is not None else None
         return proposable_actions.proposable_here(
-            self._scenario.permissions if self._scenario is not None else None,
+            self._scenario.permissions,
             places=[place.name for place in state.places.value],
             controls=state.controls.value,
             pan_range_rad=head.pan_range_rad if head is not None else None,
@@ -140,7 +139,7 @@ class ProposalsService(ContextService):
         except proposable_actions.NotOfferedError as refused:
             self._proposals.refuse(begun, exchange.model, str(refused), now_ns)
             return
-        if proposed is not None and self._scenario is not None:
+        if proposed is not None:
             acts = self._state.levels.value.actions == "act"
             countdown_ns = int(self._scenario.assistance.countdown_s * 1e9)
             self._proposals.offer(begun, proposed, exchange.model, now_ns, acts_after_ns=countdown_ns if acts else None)
