@@ -28,7 +28,6 @@ from caris_desktop.domain.events import (
     LevelChanged,
     LlmExchange,
     Marked,
-    SuggestionChanged,
     UtteranceChanged,
     UtteranceCorrected,
 )
@@ -225,7 +224,9 @@ class SuggestionsService(ContextService):
         self._scenario = scenario
         self._used: Scenario | None = None
         self._doing = ""
-        self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
+        self._rounds = SuggestionCycle(
+            self._bus.publish, lambda: f"s-{secrets.token_hex(4)}", ask=self._ask, drop=self._drop
+        )
         self._filler = FillerWait()
         self._request: _Request | None = None
         self._asking = ""
@@ -316,7 +317,7 @@ class SuggestionsService(ContextService):
 
     # Callbacks of Rounds
 
-    def ask(self, begun: Round) -> None:
+    def _ask(self, begun: Round) -> None:
         """Callback of the rounds: a cycle begins."""
         self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
@@ -348,14 +349,10 @@ class SuggestionsService(ContextService):
     def _earlier_messages(self) -> Sequence[ChatMessage]:
         return self._question(Round("", 0, "", 0)).messages
 
-    def drop(self, reason: str) -> None:
+    def _drop(self, reason: str) -> None:
         """Callback of the rounds: these replies are no longer needed."""
         asking, self._asking = self._asking, ""
         self._model.cancel(asking, reason)
-
-    def on_suggestion(self, event: SuggestionChanged) -> None:
-        """Callback of the rounds: a reply was shown, or its outcome is known."""
-        self._bus.publish(event)
 
     def _question(self, begun: Round) -> _Request:
         settings = self._scenario.assistant
@@ -436,7 +433,7 @@ class SuggestionsService(ContextService):
 
     def _ask_again(self, request: _Request) -> None:
         if self._request is request and self._rounds.round is not None and not self._asking:
-            self.ask(request.begun)
+            self._ask(request.begun)
             self._show()
 
     def _lines(self, exchange: LlmExchange) -> Sequence[str]:
@@ -512,12 +509,11 @@ class SuggestionsService(ContextService):
         if intent.level not in levels_up_to(highest):
             raise RefusedError(
                 tr("This scenario does not allow a level above “{highest}” for {function}.").format(
-                highest=highest, function=intent.function
+                    highest=highest, function=intent.function
                 ),
-                tr(
-                "The level is "
-                "unchanged."), tr("Change the highest level under assistance in the scenario."),
-            )  # fmt: skip
+                tr("The level is unchanged."),
+                tr("Change the highest level under assistance in the scenario."),
+            )
         self._use_level(intent.function, intent.level, intent.actor)
 
     def _use_level(self, function: AssistedFunction, level: AssistanceLevel, actor: Actor) -> None:
