@@ -211,7 +211,10 @@ def parts(
 
     Raises StartError for an invalid camera.
     """
-    chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
+    try:
+        chosen = None if cameras is None else tuple(map(parse_camera, cameras))
+    except CameraError as error:
+        raise StartError(f"{error} {error.advice}") from error
     inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
     return Adapters(
         recorder=ProcessSpec("recorder", process_entry_points.recorder),
@@ -241,13 +244,18 @@ def parts(
         ),
         robots=RobotAdapters(
             choices=_robots,
-            connect_to=functools.partial(_connect_to, address_of=address_of),
+            connect_to=lambda name: _connect_to(name, address_of(name)),
             simulated=_no_robot_to_practise_on,
         ),
         session=SessionAdapters(
             suggested_details=lambda: following(load_last_details(study)),
             new_session=functools.partial(_new_session, study, chosen),
-            expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
+            expected_bytes_per_hour=lambda scenario: expected_bytes_per_hour(
+                study.sessions,
+                scenario=scenario.title,
+                video=scenario.permissions.video_recording,
+                audio=scenario.permissions.audio_recording,
+            ),
             free_bytes=functools.partial(free_bytes, study),
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
             study=study.path,
@@ -368,20 +376,6 @@ def selected_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario)
         tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
         None if "" in of_robot else tuple(of_robot),
         tuple(failures),
-    )
-
-
-def _chosen_camera(text: str) -> ChosenCamera:
-    try:
-        return parse_camera(text)
-    except CameraError as error:
-        raise StartError(f"{error} {error.advice}") from error
-
-
-def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
-    permissions = scenario.permissions
-    return expected_bytes_per_hour(
-        study.sessions, scenario=scenario.title, video=permissions.video_recording, audio=permissions.audio_recording
     )
 
 
@@ -518,10 +512,10 @@ def _robots() -> tuple[RobotChoice, ...]:
     )
 
 
-def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotConnection:
+def _connect_to(name: str, address: str | None) -> RobotConnection:
     advice = tr("The current robot stays connected. Correct the profile and try again.")
     with reported(StartError, tr("The robot was not connected."), advice):
-        return robot_connection(name, address=address_of(name))
+        return robot_connection(name, address=address)
 
 
 def _no_robot_to_practise_on(_actor: Actor) -> None:
@@ -651,12 +645,8 @@ def _next_to(scenario: Scenario) -> list[BundledFile]:
 
 def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:
     """Existing file of that name, and its text; no text if it is unusable."""
-    folders = {
-        "scenario": (user_scenarios_dir(), layouts_dir()),
-        "robot": (user_robots_dir(), resources_dir() / "robots"),
-        "face": (user_faces_dir(), resources_dir() / "faces"),
-    }
-    paths = (folder / f"{name}.yaml" for folder in folders[kind])
+    shipped = layouts_dir() if kind == "scenario" else resources_dir() / f"{kind}s"
+    paths = (folder / f"{name}.yaml" for folder in (_folders()[kind], shipped))
     there = next((path for path in paths if path.is_file()), None)
     if there is None:
         return None

@@ -387,23 +387,20 @@ def run(arguments: argparse.Namespace) -> int:
     _log.info("CARIS Desktop %s starts", __version__)
     try:
         with held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
-            return _run(ConsoleRun(arguments))
+            console_run = ConsoleRun(arguments)
+            end_on_request(console_run)
+            console_run.show()
+            try:
+                return console_run.application.exec()
+            finally:
+                console_run.close()
+                forget_screen()
     except AlreadyOpenError as error:
         print(error)
         return 0
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)
         return 2
-
-
-def _run(console_run: ConsoleRun) -> int:
-    end_on_request(console_run)
-    console_run.show()
-    try:
-        return console_run.application.exec()
-    finally:
-        console_run.close()
-        forget_screen()
 
 
 def end_on_request(console_run: ConsoleRun) -> None:
@@ -446,4 +443,4 @@ def check_screen() -> None:
 
 def default_arguments(**changes: object) -> argparse.Namespace:
     """Console arguments for an empty command line."""
-    return argparse.Namespace(**vars(build_parser().parse_args([])) | changes)
+    return build_parser().parse_args([], argparse.Namespace(**changes))

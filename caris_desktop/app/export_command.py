@@ -94,22 +94,16 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     targets = export_folders(request)
     before = len(written_in(targets))
-    with ProgressLine() as line:
-        try:
-            run = partial(run_jobs, workers=workers_of(args))
-            finished = export_all(request, line.show, run=run)
-        except WorkersError as error:
-            line.clear()
-            print(error, file=sys.stderr)
-            return 1
-        except KeyboardInterrupt:
-            line.clear()
-            written = len(written_in(targets)) - before
-            print(
-                f"Cancelled. {written} of {len(sessions)} exports are complete; nothing else was saved.",
-                file=sys.stderr,
-            )
-            return _CANCELLED
+    try:
+        with ProgressLine() as line:
+            finished = export_all(request, line.show, run=partial(run_jobs, workers=workers_of(args)))
+    except WorkersError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        written = len(written_in(targets)) - before
+        print(f"Cancelled. {written} of {len(sessions)} exports are complete; nothing else was saved.", file=sys.stderr)
+        return _CANCELLED
     for sentence in (*finished.notices, *damaged, *finished.problems):
         print(sentence, file=sys.stderr)
     if one and finished.written:

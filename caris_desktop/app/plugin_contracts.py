@@ -110,10 +110,8 @@ def _answer(
     model: LanguageModel, messages: tuple[dict[str, str], ...], schema: dict[str, Any] | None = None
 ) -> Generator[str]:
     asked = Asked(messages, max_tokens=96, temperature=0.0, seed=1, schema=schema)
-    try:
+    with _as_assertions():
         yield from pieces(Plugin("checked", "language_models", "", "", ""), model, asked)
-    except PluginError as error:
-        raise AssertionError(str(error)) from error
 
 
 def check_detector(make: Callable[..., DetectorPlugin], pictures: Sequence[NDArray[np.uint8]] = ()) -> None:
@@ -130,13 +128,11 @@ def check_detector(make: Callable[..., DetectorPlugin], pictures: Sequence[NDArr
     for picture in (*grey, *pictures, *grey):
         image_bgr = picture.copy()
         image_bgr.flags.writeable = False
-        with _silent():
-            found = detector.detect(image_bgr)
-        try:
+        with _as_assertions():
+            with _silent():
+                found = detector.detect(image_bgr)
             plugin = Plugin("checked", "detectors", "", "", "")
             detections = checked_detections(plugin, found, image_bgr.shape, len(names))
-        except PluginError as error:
-            raise AssertionError(str(error)) from error
         people = sum(names[row].lower() == "person" for row in detections.classes)
         if image_bgr.min() == image_bgr.max():
             assert not people, "nobody is in a grey picture"

@@ -122,7 +122,9 @@ class Rehearsal(QObject):
         yield Until("the person detector is ready", lambda: state.perception.value.state == "ready", 90.0)
         if scenario.permissions.assistant:
             yield Until("the language model is ready", lambda: state.assistant.value.state == "ready", 90.0)
-        self._ask_robot(PREPARE, self._lines())
+        path = scenario.path
+        self._says = SAYS.get(path.stem if path is not None else "", SAYS_ELSEWHERE)
+        self._ask_robot(PREPARE, self._says)
         self._note("everything is ready")
 
         yield from self._start_recording()
@@ -173,7 +175,10 @@ class Rehearsal(QObject):
                 field.selectAll()
                 yield from self._type(field, text)
         self._screenshot("start-dialog")
-        yield from self._tick_checks()
+        for check in self._state.preflight.value:
+            if check.manual and check.state != "passed":
+                self._click(f"tick_{check.id}")
+                yield None
         self._click("start_dialog_begin")
         begun = ("starting", "recording")
         marker = "start_asked"
@@ -186,13 +191,6 @@ class Rehearsal(QObject):
             self._click("start_dialog_begin")
         yield Until("recording runs", lambda: self._state.recording.value.state == "recording")
         self._note("recording")
-
-    def _tick_checks(self) -> Script:
-        """Tick the scenario's manual checks."""
-        for check in self._state.preflight.value:
-            if check.manual and check.state != "passed":
-                self._click(f"tick_{check.id}")
-                yield None
 
     def _meet(self) -> Script:
         state = self._state
@@ -207,15 +205,11 @@ class Rehearsal(QObject):
         yield Until("the greeting was said", lambda: state.speech.value.now is None, 20.0)
         self._note("greeted")
 
-    def _lines(self) -> Sequence[str]:
-        path = self._console.scenario.path
-        return SAYS.get(path.stem if path is not None else "", SAYS_ELSEWHERE)
-
     def _talk(self) -> Script:
         """Let the participant speak, and answer with a suggestion, a phrase and by typing."""
         state = self._state
         yield Until("transcription is ready", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
-        for number, text in enumerate(self._lines()):
+        for number, text in enumerate(self._says):
             before = len(self._transcribed)
             self._ask_robot(SAY, (text,))
             yield Until("the participant is transcribed", lambda count=before: len(self._transcribed) > count, 90.0)  # type: ignore[misc]
@@ -282,33 +276,37 @@ class Rehearsal(QObject):
         until_ns = clock.now_ns() + 14_000_000_000
         while clock.now_ns() < until_ns:
             pose = state.pose.value.pose_in_map if state.pose.value else start
-            driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
+            driven_m = _distance_m(pose, start)
             spoken = state.speech.value.now is not None
-            moving = bool(state.odometry.value and state.odometry.value.twist.moving)
+            moving = self._moving()
             driven_while_speaking = driven_while_speaking or (spoken and moving)
             if not photographed and spoken and moving and driven_m > 0.3:
                 self._screenshot("driving")
                 photographed = True
-            if self._at(pose, target) or (driven_m > 2.5 and not spoken):
+            there = target is not None and _distance_m(pose, target.pose_in_map) < 0.4
+            if there or (driven_m > 2.5 and not spoken):
                 break
-            if self._held and not state.drive.value.allowed:
-                raise RehearsalError(f"driving was refused: {state.drive.value.reason}")
-            if self._held and not self._driving_is_on():
+            drive = state.drive.value
+            if self._held and not drive.allowed:
+                raise RehearsalError(f"driving was refused: {drive.reason}")
+            if self._held and not (drive.target_forward_mps or drive.target_turn_radps):
                 self._hold(set())  # automatic stop, as after a stall: a wizard releases the key and presses again
             else:
                 self._hold(self._keys_towards(pose, target))
             yield None
         self._hold(set())
         yield Until("the robot stands still", lambda: not state.odometry.value.twist.moving, 10.0)
-        pose = state.pose.value.pose_in_map
-        driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
+        driven_m = _distance_m(state.pose.value.pose_in_map, start)
         self._note(f"drove {driven_m:.1f} m by keyboard, {'while' if driven_while_speaking else 'not while'} speaking")
         if driven_m < 0.2:
             raise RehearsalError(f"the robot hardly moved ({driven_m:.2f} m) while keys were held")
 
     def _ask_assistant(self) -> Script:
         state = self._state
-        self._show_tab("Assistant")
+        for bar in (bar for top in QApplication.topLevelWidgets() for bar in top.findChildren(QTabBar)):
+            for number in range(bar.count()):
+                if bar.isVisible() and bar.tabText(number) == "Assistant":
+                    QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(number).center())
         if self._find("assistant_field") is None:
             # The scenario permits it but shows other panels: found as a wizard would, by search.
             yield from self._find_anything("Assistant")
@@ -370,13 +368,6 @@ class Rehearsal(QObject):
                 if isinstance(found, QWidget) and found.isVisible():
                     return found
         return None
-
-    def _show_tab(self, title: str) -> None:
-        """Bring a panel to the front if it is behind others."""
-        for bar in (bar for top in QApplication.topLevelWidgets() for bar in top.findChildren(QTabBar)):
-            for number in range(bar.count()):
-                if bar.isVisible() and bar.tabText(number) == title:
-                    QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(number).center())
 
     def _click(self, name: str) -> None:
         widget = self._find(name)
@@ -451,15 +442,8 @@ class Rehearsal(QObject):
                 nearest_m = min(nearest_m, float(range_m * math.cos(off)))
         return nearest_m
 
-    def _driving_is_on(self) -> bool:
-        status = self._state.drive.value
-        return bool(status.target_forward_mps or status.target_turn_radps)
-
     def _moving(self) -> bool:
         return bool(self._state.odometry.value and self._state.odometry.value.twist.moving)
-
-    def _at(self, pose: Pose2D, target: Place | None) -> bool:
-        return target is not None and _distance_m(pose, target.pose_in_map) < 0.4
 
     # Running
 

@@ -28,20 +28,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if computed, 1 if not or if sessions were excluded (listed on stderr), 130 cancelled."""
-    line = ProgressLine()
     try:
-        out = args.out or study_dir_of(args.study) / "statistics"
-        made = study_statistics(
-            args.study, out, line.show, csv=csv_style_of(args), run=partial(run_jobs, workers=workers_of(args))
-        )
+        with ProgressLine() as line:
+            out = args.out or study_dir_of(args.study) / "statistics"
+            made = study_statistics(
+                args.study, out, line.show, csv=csv_style_of(args), run=partial(run_jobs, workers=workers_of(args))
+            )
     except (StatisticsError, WorkersError) as error:
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\nCancelled. The sessions exported so far are saved for the next time.", file=sys.stderr)
         return _CANCELLED
-    finally:
-        line.clear()
     for problem in (*made.notices, *made.problems):
         print(problem, file=sys.stderr)
     conditions = list(dict.fromkeys(row.condition for row in made.summary))

@@ -45,7 +45,6 @@ _GROUPED = {
     "gamepads": "gamepad/mappings",
     "layouts_before_saving": "layout/before_saving",
 }
-_TYPES: dict[str, type] = {"window/geometry": QByteArray, "replay/geometry": QByteArray}
 
 
 def _into_groups(settings: QSettings) -> None:
@@ -90,12 +89,10 @@ def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
         _MIGRATIONS[number](settings)
     if version < VERSION:
         settings.setValue(VERSION_KEY, VERSION)
-    wrong = [
-        key for key, kind in _TYPES.items() if settings.contains(key) and not isinstance(settings.value(key), kind)
-    ]
-    for key in wrong:
-        _log.warning("the setting %s is not what belongs there, and is forgotten", key)
-        settings.remove(key)
+    for key in ("window/geometry", "replay/geometry"):
+        if settings.contains(key) and not isinstance(settings.value(key), QByteArray):
+            _log.warning("the setting %s is not what belongs there, and is forgotten", key)
+            settings.remove(key)
     return None
 
 

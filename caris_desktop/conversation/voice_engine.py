@@ -369,7 +369,7 @@ class Loudspeaker:
         *,
         silenced: threading.Event,
         woken: threading.Event,
-        tell: Callable[[str, float | int], None],
+        tell: Callable[..., None],
     ) -> int:
         """Play to the end or until ``silenced``; return the end time in ns. Reports started and playing.
 
@@ -398,7 +398,7 @@ class Loudspeaker:
             now_ns = time.monotonic_ns()
             if playback.started_ns is not None and now_ns >= playback.started_ns and not start_reported:
                 start_reported = True
-                tell("started", playback.started_ns)
+                tell("started", at_ns=playback.started_ns)
             if silenced.is_set():
                 playback.leave()
                 stream.abort()
@@ -421,7 +421,7 @@ class Loudspeaker:
                 )
             if not sound.complete and sound.position - sound.end > _STALL_S * sound.rate_hz:
                 sound.finish("it took too long")
-            tell("playing", playback.heard_s)
+            tell("playing", played_s=playback.heard_s)
 
     def _wait_s(self, playback: _Playback, *, start_reported: bool) -> float:
         if playback.started_ns is not None and not start_reported:
@@ -517,9 +517,7 @@ class _Engine:
                 self._report_inaudible(sound, played_s=0.0)
                 return
             try:
-                ended_ns = loudspeaker.play(
-                    sound, silenced=self._silenced, woken=self._woken, tell=self._report_playing
-                )
+                ended_ns = loudspeaker.play(sound, silenced=self._silenced, woken=self._woken, tell=self._notify)
             except DeviceTroubleError as trouble:
                 if trouble.hung:
                     self._report_device(str(trouble))
@@ -560,12 +558,6 @@ class _Engine:
 
     def _report_part(self, rate_hz: int, number: int, at: int, part: Samples) -> None:
         self._notify("part", sound=part.astype("<i2").tobytes(), at=at, rate_hz=rate_hz, number=number)
-
-    def _report_playing(self, event: str, value: float) -> None:
-        if event == "started":
-            self._notify("started", at_ns=value)
-        else:
-            self._notify("playing", played_s=value)
 
     def _report_device(self, trouble: str) -> None:
         self._notify("device", audible=not trouble, detail=trouble)

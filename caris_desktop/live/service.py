@@ -209,6 +209,9 @@ class ServiceContext(Value):
 class ContextService(Service):
     """Service that uses the shared parts."""
 
+    _scenario: Scenario
+    """Scenario in use, if the service keeps it: from its first ``use_scenario`` on, before anything else happens."""
+
     def __init__(self, context: ServiceContext) -> None:
         super().__init__(context.parent)
         self._state, self._bus = context.state, context.bus

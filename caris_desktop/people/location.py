@@ -192,32 +192,25 @@ class PeopleLocator:
 
     def locate(self, people: People, camera: CameraModel) -> PeopleInMap | None:
         """Positions in the map; None without a scan or pose of that time, which stationary cameras do not need."""
-        if camera.stands_in_map is not None:
-            return self._locate_from(camera.stands_in_map, people, camera)
-        scan = _nearest(tuple(self._scans), people.stamp_ns)
-        pose = _nearest(tuple(self._poses), people.stamp_ns)
-        depth = self._depth_at(people)
-        if pose is None or (scan is None and depth is None):
-            return None
-        head = _nearest(tuple(self._heads), people.stamp_ns)
-        if head is not None:
-            camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
-        points = np.zeros((0, 2)) if scan is None else _points_in_robot(scan, pose.pose_in_map)
-        places = _placed(people, camera, pose.pose_in_map, points, by_floor=False, depth=depth)
-        return PeopleInMap(people.stamp_ns, places, people.camera)
-
-    def _locate_from(self, base: Pose2D, people: People, camera: CameraModel) -> PeopleInMap:
-        """Positions from a stationary camera, with the robot's LIDAR where it covers the same area."""
         scan = _nearest(tuple(self._scans), people.stamp_ns)
         pose = self.pose_at(people.stamp_ns)
+        depth = _nearest(tuple(self._depths.get(people.camera, ())), people.stamp_ns)
         points = np.zeros((0, 2))
         if scan is not None and pose is not None:
-            points = _moved(_points_in_robot(scan, pose.pose_in_map), base.inverse() @ pose.pose_in_map)
-        places = _placed(people, camera, base, points, by_floor=True, depth=self._depth_at(people))
+            points = _points_in_robot(scan, pose.pose_in_map)
+        base = camera.stands_in_map
+        if base is not None:
+            # The robot's LIDAR helps where it covers the same area.
+            points = points if pose is None else _moved(points, base.inverse() @ pose.pose_in_map)
+            places = _placed(people, camera, base, points, by_floor=True, depth=depth)
+        elif pose is None or (scan is None and depth is None):
+            return None
+        else:
+            head = _nearest(tuple(self._heads), people.stamp_ns)
+            if head is not None:
+                camera = camera.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
+            places = _placed(people, camera, pose.pose_in_map, points, by_floor=False, depth=depth)
         return PeopleInMap(people.stamp_ns, places, people.camera)
-
-    def _depth_at(self, people: People) -> DepthGrid | None:
-        return _nearest(tuple(self._depths.get(people.camera, ())), people.stamp_ns)
 
 
 def _nearest(values: Sequence[_S], stamp_ns: int) -> _S | None:

@@ -1,8 +1,8 @@
 """Erasure of a person from the people database, and the search terms for the study's files."""
 
 import shutil
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,34 +34,26 @@ def find_person(database: Path, who: str) -> PersonToForget | None:
     """
     if not database.exists():
         return None
-    try:
-        with closing(PeopleStore(database)) as store:
-            person_id = _id_of(store, who)
-            if person_id is None:
-                return None
-            traces = store.traces_of(person_id)
-            people = [store.get(each) for each in traces.person_ids]
-            names = dict.fromkeys(person.name for person in people if person is not None and person.name)
-            return PersonToForget(traces.person_ids, tuple(names), traces.blobs)
-    except PeopleStoreError as error:
-        raise UserFacingError(str(error), _NOTHING_CHANGED, _advice(database)) from error
+    with _opened(database, _NOTHING_CHANGED) as store:
+        person_id = _id_of(store, who)
+        if person_id is None:
+            return None
+        traces = store.traces_of(person_id)
+        people = [store.get(each) for each in traces.person_ids]
+        names = dict.fromkeys(person.name for person in people if person is not None and person.name)
+        return PersonToForget(traces.person_ids, tuple(names), traces.blobs)
 
 
 def erase(database: Path, person_ids: tuple[str, ...]) -> None:
     """Delete keys and rows of these ids. Idempotent. Raises UserFacingError."""
     if not database.exists():
         return
-    try:
-        with closing(PeopleStore(database)) as store:
-            for number, person_id in enumerate(person_ids):
-                # The first id includes all linked ids. Repeat it even if it was deleted: a kill may have left pages
-                # that contain them.
-                if number == 0 or store.get(person_id) is not None:
-                    store.forget(person_id)
-    except PeopleStoreError as error:
-        raise UserFacingError(
-            str(error), QT_TR_NOOP("The person is not yet erased from the study's database."), _advice(database)
-        ) from error
+    with _opened(database, QT_TR_NOOP("The person is not yet erased from the study's database.")) as store:
+        for number, person_id in enumerate(person_ids):
+            # The first id includes all linked ids. Repeat it even if it was deleted: a kill may have left pages that
+            # contain them.
+            if number == 0 or store.get(person_id) is not None:
+                store.forget(person_id)
 
 
 def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
@@ -71,21 +63,21 @@ def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
     """
     if not database.exists():
         return
+    with _opened(database, QT_TR_NOOP("Data about other people may still name the person.")) as store:
+        store.rewrite_texts(rewrite)
+
+
+@contextmanager
+def _opened(database: Path, meaning: str) -> Iterator[PeopleStore]:
+    """Raises UserFacingError with this ``meaning`` if the database cannot be used."""
     try:
         with closing(PeopleStore(database)) as store:
-            store.rewrite_texts(rewrite)
+            yield store
     except PeopleStoreError as error:
-        raise UserFacingError(
-            str(error), QT_TR_NOOP("Data about other people may still name the person."), _advice(database)
-        ) from error
-
-
-def _advice(database: Path) -> str:
-    """Advice by free disk space, since SQLite reports a full disk in many ways."""
-    full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
-    return (
-        QT_TR_NOOP("The disk is full: free some disk space, then try again.") if full else QT_TR_NOOP("Then try again.")
-    )
+        # SQLite reports a full disk in many ways.
+        full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
+        advice = QT_TR_NOOP("The disk is full: free some disk space, then try again.")
+        raise UserFacingError(str(error), meaning, advice if full else QT_TR_NOOP("Then try again.")) from error
 
 
 def _id_of(store: PeopleStore, who: str) -> str | None:

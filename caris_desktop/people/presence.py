@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import field, replace
 from typing import Literal
 
@@ -197,7 +197,9 @@ class PresenceTracker:
         for box in people.boxes:
             self._cameras.see((people.camera, box.track), now_ns)
             events += self._see((people.camera, box.track), now_ns)
-            self._note_state((people.camera, box.track), box)
+            visit = self._visits.of_track((people.camera, box.track))
+            if visit is not None and (people.camera, box.track) == (visit.camera, visit.track):
+                visit.posture, visit.hand_raised, visit.facing = box.posture, box.hand_raised, box.facing
         events += self._let_leave(now_ns, self._patience.in_pictures_ns)
         boxes = tuple(replace(box, person_id=self._id_of((people.camera, box.track))) for box in people.boxes)
         return replace(people, boxes=boxes), events
@@ -247,7 +249,9 @@ class PresenceTracker:
             candidate.portrait = portrait
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
             return
-        if not self._may_store_portrait(visit):
+        # A portrait counts as an image, in which people may have to be unrecognisable.
+        consents = self._settings.portraits == "consenting" and "photo" in self._known.consents(visit.person_id)
+        if self._settings.portraits != "everybody" and not consents:
             return
         if portrait.quality > visit.portrait_quality:
             visit.portrait_quality = portrait.quality
@@ -362,7 +366,9 @@ class PresenceTracker:
 
     def _see(self, track: Track, now_ns: int) -> list[Event]:
         visit = self._visits.of_track(track)
-        if visit is not None and self._has_to_be_recognised(visit, now_ns):
+        away = visit is not None and not visit.here and now_ns - visit.last_seen_ns > _SAME_VISIT_WITHIN_NS
+        if away and self._settings.recognise != "nobody":
+            # A tracker's own match suffices for a short absence only.
             self._visits.detach(track)
             visit = None
         if visit is None:
@@ -400,18 +406,12 @@ class PresenceTracker:
 
     def _is_lost(self, visit: Visit, now_ns: int) -> bool:
         """True if a new track may continue that visit, which has no track in view."""
-        if now_ns - visit.last_seen_ns > SHORT_GAP_NS and visit.spot is None:
+        within_ns = SHORT_GAP_NS if visit.spot is None else JOINED_WITHIN_NS
+        if visit.forgotten or now_ns - visit.last_seen_ns > within_ns:
             return False
         in_view = any(track in self._in_frame.get(track[0], ()) for track in visit.tracks)
-        return not in_view and is_lost(visit, now_ns) and not self._is_here_as_another(visit)
-
-    def _is_here_as_another(self, visit: Visit) -> bool:
-        return any(other.here and other is not visit for other in self._visits.of_person(visit.person_id))
-
-    def _has_to_be_recognised(self, visit: Visit, now_ns: int) -> bool:
-        """True after a longer absence: a tracker's own match suffices for a short one only."""
-        away_ns = now_ns - visit.last_seen_ns
-        return not visit.here and away_ns > _SAME_VISIT_WITHIN_NS and self._settings.recognise != "nobody"
+        others = (other for other in self._visits.of_person(visit.person_id) if other is not visit)
+        return not in_view and not any(other.here for other in others)
 
     def _appear(self, track: Track, now_ns: int) -> list[Event]:
         candidate = self._candidates.pop(track)
@@ -463,20 +463,7 @@ class PresenceTracker:
         visit = self._visits.find(person_id)
         return person_id if visit is None or not visit.here else visit.visit_id
 
-    def _note_state(self, track: Track, box: object) -> None:
-        visit = self._visits.of_track(track)
-        if visit is not None and track == (visit.camera, visit.track):
-            visit.posture = getattr(box, "posture", "")
-            visit.hand_raised = getattr(box, "hand_raised", None)
-            visit.facing = getattr(box, "facing", None)
-
     # Identification
-
-    def _may_store_portrait(self, visit: Visit) -> bool:
-        """A portrait counts as an image, in which people may have to be unrecognisable."""
-        if self._settings.portraits == "consenting":
-            return "photo" in self._known.consents(visit.person_id)
-        return self._settings.portraits == "everybody"
 
     def _may_learn_face(self, visit: Visit, embedding: PersonLooks) -> bool:
         """The face of an identified person is learned only with consent."""
@@ -755,11 +742,6 @@ class Candidate:
 Likeness = Callable[[str, PersonLooks], float | None]
 
 
-def is_lost(visit: Visit, now_ns: int) -> bool:
-    """True if a visit without a track may be continued by a new one."""
-    return not visit.forgotten and now_ns - visit.last_seen_ns <= JOINED_WITHIN_NS
-
-
 def same_visit(
     candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, is_known: Callable[[str], bool], now_ns: int
 ) -> Visit | None:
@@ -775,8 +757,9 @@ def same_visit(
             continue
         if away_m is None and gap_ns > SHORT_GAP_NS:
             continue
-        alike = _alike(visit, candidate.embeddings, likeness)
-        if alike is not None:
+        similarities = [alike for each in candidate.embeddings if (alike := likeness(visit.visit_id, each)) is not None]
+        if similarities:
+            alike = sum(similarities) / len(similarities)
             if alike >= _ALIKE_FROM:
                 possible.append((alike, visit))
         elif away_m is not None:
@@ -787,8 +770,3 @@ def same_visit(
     if not possible or (len(possible) > 1 and possible[0][0] - possible[1][0] < _AHEAD_BY):
         return None
     return possible[0][1]
-
-
-def _alike(visit: Visit, embeddings: Sequence[PersonLooks], likeness: Likeness) -> float | None:
-    similarities = [alike for each in embeddings if (alike := likeness(visit.visit_id, each)) is not None]
-    return sum(similarities) / len(similarities) if similarities else None

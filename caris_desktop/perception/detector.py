@@ -131,8 +131,7 @@ class WatchedDetector:
             found = self._detector.detect(image_bgr)
             detections = checked_detections(self.plugin, found, image_bgr.shape[:2], len(self.class_names))
         self._within_s = CALL_WITHIN_S
-        sure = detections.confidences >= self._confidence
-        return Detections(detections.corners_px[sure], detections.confidences[sure], detections.classes[sure])
+        return detections.at(detections.confidences >= self._confidence)
 
 
 def checked_detections(plugin: Plugin, found: object, size_px: tuple[int, ...], classes: int) -> Detections:

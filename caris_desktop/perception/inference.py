@@ -88,7 +88,13 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     recognises = (*clothing, "face") if has_faces else clothing
     connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises, perceiver.plugins))
     if perceiver.trouble:
-        connection.send(_appearance_problem(perceiver.trouble))
+        connection.send(
+            _problem(
+                perceiver.trouble,
+                QT_TR_NOOP("People are tracked, but a person who returns is not recognised by appearance."),
+                QT_TR_NOOP("Replace or remove the file in the models folder; see the log for details."),
+            )
+        )
     if perceiver.unknown_things:
         connection.send(_things_problem(perceiver))
     _follow(connection, frames, perceiver, settings)
@@ -253,14 +259,6 @@ def rest_s(work_s: float, settings: InferenceSettings) -> float:
 
 def _problem(what: str, meaning: str, advice: str) -> Problem:
     return Problem(clock.now_ns(), "warning", what, meaning, advice, until="people")
-
-
-def _appearance_problem(trouble: str) -> Problem:
-    return _problem(
-        trouble,
-        QT_TR_NOOP("People are tracked, but a person who returns is not recognised by appearance."),
-        QT_TR_NOOP("Replace or remove the file in the models folder; see the log for details."),
-    )
 
 
 def _away_problem(reason: str) -> Problem:

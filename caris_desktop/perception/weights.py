@@ -99,7 +99,9 @@ def find_weights(
     """
     folders = models_dirs() if folders is None else folders
     if isinstance(configured, Path):
-        return _configured(configured)
+        path = configured.expanduser()
+        _check_form(path)
+        return replace(_of_file(path), may_run_code=True)
     if configured is not None and configured.source:
         return _named(configured, folders, allow_download=allow_download)
     found = _searched(folders, allow_download=allow_download, download=download)
@@ -179,12 +181,6 @@ def _parts(folder: Path) -> list[Path]:
     return [path for suffix in (".xml", ".bin") for path in sorted(folder.glob(f"*{suffix}"))[:1]]
 
 
-def _configured(path: Path) -> Weights:
-    path = path.expanduser()
-    _check_form(path)
-    return replace(_of_file(path), may_run_code=True)
-
-
 def _check_form(path: Path) -> None:
     if not path.exists():
         raise WeightsError(
@@ -219,7 +215,13 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
     if _ADDRESS.match(choice.source):
         path = _fetched(choice.source, sha256, folders[-1], allow_download=allow_download)
     else:
-        path = _path_of(choice, folders)
+        named = named_path(choice.source, choice.folder, folders)
+        if named is None:
+            raise WeightsError(
+                localized(QT_TR_NOOP("The detector {source} is outside the scenario's folder"), source=choice.source),
+                advice=QT_TR_NOOP("Enter the full path, or put the file next to the scenario or into a models folder"),
+            )
+        path = named
         _check_form(path)
     try:
         found = _sha256(path)
@@ -260,16 +262,6 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
             ),
         )
     return replace(_of_file(path), input_px=choice.input_px)
-
-
-def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:
-    path = named_path(choice.source, choice.folder, folders)
-    if path is None:
-        raise WeightsError(
-            localized(QT_TR_NOOP("The detector {source} is outside the scenario's folder"), source=choice.source),
-            advice=QT_TR_NOOP("Enter the full path, or put the file next to the scenario or into a models folder"),
-        )
-    return path
 
 
 def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Path:

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
+from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.message_conversion import decode_pose_stamped, encode_pose_stamped
 from caris_desktop.ros.message_fields import (
     Message,
@@ -18,6 +18,7 @@ from caris_desktop.ros.message_fields import (
     part,
     text,
     text_or_empty,
+    time_of,
     truth,
 )
 
@@ -100,9 +101,8 @@ def encode_action_feedback(status: GoalStatus, feedback: Message, *, stamp_ns: i
 def decode_action_feedback(message: Any, what: str) -> tuple[GoalStatus, Message]:
     """Status and feedback of any ROS 1 action's ActionFeedback."""
     action_feedback = message_of(message, what)
-    return _decode_status(part(action_feedback, "status", what), f"{what}.status"), part(
-        action_feedback, "feedback", what
-    )
+    status = _decode_status(part(action_feedback, "status", what), f"{what}.status")
+    return status, part(action_feedback, "feedback", what)
 
 
 def encode_action_result(status: GoalStatus, result: Message, *, stamp_ns: int) -> Message:
@@ -180,10 +180,7 @@ def means_every_goal(message: Any) -> bool:
     info = message_of(message_of(message, "CancelGoal").get("goal_info", {}), what)
     goal_id = message_of(info.get("goal_id", {}), f"{what}.goal_id")
     octets = _uuid_of(goal_id, f"{what}.goal_id") if "uuid" in goal_id else b""
-    try:
-        stamp_ns = decode_time(info["stamp"]) if "stamp" in info else None
-    except ValueError as error:
-        raise MessageError(f"{what}.stamp: {error}") from error
+    stamp_ns = time_of(info, "stamp", what) if "stamp" in info else None
     return stamp_ns is None and not any(octets)
 
 

@@ -17,7 +17,7 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
+from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.message_fields import (
     Message,
     MessageError,
@@ -41,6 +41,7 @@ from caris_desktop.ros.message_fields import (
     stamp_of,
     text,
     text_or_empty,
+    time_of,
     truth,
 )
 
@@ -533,12 +534,7 @@ def encode_clock(dialect: Dialect, time_ns: int) -> Message:
 
 def decode_clock(message: Any) -> int:
     """Nanoseconds of a rosgraph_msgs/Clock."""
-    try:
-        return decode_time(field(message_of(message, "Clock"), "clock", "Clock")) or 0
-    except ValueError as error:
-        if isinstance(error, MessageError):
-            raise
-        raise MessageError(f"Clock.clock: {error}") from error
+    return time_of(message_of(message, "Clock"), "clock", "Clock") or 0
 
 
 # Joints: states, trajectories and angles with speed.
@@ -603,11 +599,8 @@ def decode_joint_trajectory(message: Any) -> tuple[dict[str, float], float]:
     positions = floats(points[-1], "positions", last, most=MAX_JOINTS)
     if len(positions) != len(names) or not np.isfinite(positions).all():
         raise MessageError(f"{last}.positions must contain one number for each of the {len(names)} joints")
-    try:
-        duration_ns = decode_time(points[-1].get("time_from_start", encode_time(Dialect.ROS1, 0))) or 0
-    except ValueError as error:
-        raise MessageError(f"{last}.time_from_start: {error}") from error
-    return dict(zip(names, positions.tolist(), strict=True)), duration_ns / 1e9
+    duration_ns = time_of(points[-1], "time_from_start", last) if "time_from_start" in points[-1] else None
+    return dict(zip(names, positions.tolist(), strict=True)), (duration_ns or 0) / 1e9
 
 
 def encode_joint_angles_with_speed(

@@ -175,12 +175,16 @@ def stamp_of(message: Message, what: str) -> int | None:
     if "header" not in message:
         return None
     header = part(message, "header", what)
-    if "stamp" not in header:
-        return None
+    return time_of(header, "stamp", f"{what}.header") if "stamp" in header else None
+
+
+def time_of(message: Message, name: str, what: str) -> int | None:
+    """ROS time in ns; None for zero, which means unstamped."""
+    value = field(message, name, what)
     try:
-        return decode_time(header["stamp"])
+        return decode_time(value)
     except ValueError as error:
-        raise MessageError(f"{what}.header.stamp: {error}") from error
+        raise MessageError(f"{what}.{name}: {error}") from error
 
 
 def stamp_or_none(message: Any) -> int | None:

@@ -76,11 +76,8 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         parts = composition.parts(study=composition.open_study(Path(folder) / "study"), cameras=())
         settings = InferenceSettings(weights_path=model)
-        worker = PerceptionWorker(
-            ProcessSpec("inference", process_entry_points.inference, (RingsToRead((ring.name,)), settings)),
-            parts.people.open_presence,
-            publish,
-        )
+        worker = PerceptionWorker(parts.people.open_presence, publish)
+        worker.use_body(ProcessSpec("inference", process_entry_points.inference, (RingsToRead((ring.name,)), settings)))
         worker.status_changed.connect(lambda status: ready.set() if status.state == "ready" else None)
         thread = QThread()
         worker.moveToThread(thread)

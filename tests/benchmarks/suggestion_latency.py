@@ -35,7 +35,7 @@ from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.suggestions import prompt
 from caris_desktop.conversation.suggestions.prompt import replies_in
-from caris_desktop.conversation.suggestions.suggestion_cycle import Round, SuggestionCycle
+from caris_desktop.conversation.suggestions.suggestion_cycle import SuggestionCycle
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
@@ -134,20 +134,6 @@ def answered(happened: Sequence[Any]) -> LlmExchange | None:
     return asked[-1] if asked and asked[-1].outcome == "answered" else None
 
 
-class Begun:
-    """Records the start of a suggestion cycle."""
-
-    def __init__(self) -> None:
-        self.at_ns = 0
-
-    def ask(self, _begun: Round) -> None:
-        self.at_ns = clock.now_ns()
-
-    def drop(self, _why: str) -> None: ...
-
-    def on_suggestion(self, _event: SuggestionChanged) -> None: ...
-
-
 @contextmanager
 def process(target: Any, *arguments: Any) -> Iterator[Connection]:
     context = multiprocessing.get_context("spawn")
@@ -178,8 +164,13 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
                 connection.send(chunk)
 
         for sound in (sounds[0], *sounds):
-            begun = Begun()
-            rounds = SuggestionCycle(begun, str)
+            begun_ns: list[int] = []
+            rounds = SuggestionCycle(
+                lambda _event: None,
+                str,
+                ask=lambda _round, begun_ns=begun_ns: begun_ns.append(clock.now_ns()),  # type: ignore[misc]
+                drop=lambda _why: None,
+            )
             voice_ended_ns = speak(sound, hear)
             until_ns = voice_ended_ns + round(_AFTER_S * 1e9)
             while clock.now_ns() < until_ns:
@@ -189,7 +180,7 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
                     case UtteranceChanged(speaker="participant") as utterance:
                         rounds.on_participant(utterance, clock.now_ns())
                 rounds.pass_time(clock.now_ns())
-            waits_ms.append((begun.at_ns - voice_ended_ns) / 1e6)
+            waits_ms.append((begun_ns[-1] - voice_ended_ns) / 1e6)
     return waits_ms[1:]
 
 

@@ -34,12 +34,8 @@ class Setup:
         self.published: list[Any] = []
         self.portraits = Portraits()
         self.everybody: list[Any] = []
-        self.worker = PerceptionWorker(
-            ProcessSpec("inference", target, (RingsToRead((self.ring.name,)), argument)),
-            lambda: (PresenceTracker(), []),
-            self.published.append,
-            self.portraits,
-        )
+        self.worker = PerceptionWorker(lambda: (PresenceTracker(), []), self.published.append, self.portraits)
+        self.worker.use_body(ProcessSpec("inference", target, (RingsToRead((self.ring.name,)), argument)))
         self.statuses: list[str] = []
         self.rows: list[Any] = []
         self.models: list[str] = []

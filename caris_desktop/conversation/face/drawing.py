@@ -95,35 +95,22 @@ class FaceMotion:
         """State at this time."""
         passed_s = 0.0 if self._at_ns is None else max(0.0, (now_ns - self._at_ns) / 1e9)
         self._at_ns = now_ns
-        target, now = self._at_rest(), self._state
-        share, eyes_share = -math.expm1(-passed_s / _GLIDE_S), -math.expm1(-passed_s / _EYES_GLIDE_S)
-        self._state = FaceState(
-            _glided(now.eyes_open, target.eyes_open, share),
-            _glided(now.lids_deg, target.lids_deg, share),
-            _glided(now.smile, target.smile, share),
-            target.mouth_open if self._voice is not None else _glided(now.mouth_open, target.mouth_open, share),
-            _glided(now.gaze_right, target.gaze_right, eyes_share),
-            _glided(now.gaze_up, target.gaze_up, eyes_share),
-            _glided(now.hearing, target.hearing, share),
-        )
+        now = asdict(self._state)
+        for name, target in asdict(self._at_rest()).items():
+            share = -math.expm1(-passed_s / (_EYES_GLIDE_S if name.startswith("gaze") else _GLIDE_S))
+            arrived = abs(target - now[name]) < _STILL or (name == "mouth_open" and self._voice is not None)
+            now[name] = target if arrived else now[name] + (target - now[name]) * share
+        self._state = FaceState(**now)
         state = replace(self._state, mouth_open=max(self._state.mouth_open, self._spoken(now_ns)))
         return replace(state, eyes_open=state.eyes_open * self._lids(now_ns))
 
     @property
     def still(self) -> bool:
         """True if nothing moves until the next blink."""
-        target, now = self._at_rest(), self._state
-        moving = max(
-            abs(target.eyes_open - now.eyes_open), abs(target.lids_deg - now.lids_deg) / 30,
-            abs(target.smile - now.smile), abs(target.mouth_open - now.mouth_open),
-            abs(target.gaze_right - now.gaze_right), abs(target.gaze_up - now.gaze_up),
-            abs(target.hearing - now.hearing),
-        )  # fmt: skip
-        return moving < _STILL and self._voice is None and not self._blinking
-
-    @property
-    def _blinking(self) -> bool:
-        return self.next_blink_ns is not None and self._at_ns is not None and self._at_ns >= self.next_blink_ns
+        now, least = asdict(self._state), {"lids_deg": 30 * _STILL}
+        moving = any(abs(to - now[name]) >= least.get(name, _STILL) for name, to in asdict(self._at_rest()).items())
+        blinking = self.next_blink_ns is not None and self._at_ns is not None and self._at_ns >= self.next_blink_ns
+        return not (moving or blinking or self._voice is not None)
 
     def _at_rest(self) -> FaceState:
         expression = self.expression
@@ -166,10 +153,6 @@ class FaceMotion:
 
     def _pause_ns(self) -> int:
         return round(self._face.blink_every_s * self._random.uniform(0.4, 1.6) * 1e9)
-
-
-def _glided(now: float, target: float, share: float) -> float:
-    return target if abs(target - now) < _STILL else now + (target - now) * share
 
 
 _GAZE_SHARE = 0.22

@@ -103,7 +103,12 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     sha256 = settings.sha256.strip().lower()
     if _ADDRESS.match(settings.model):
         return _fetched(settings.model, sha256, folders[-1], allow_download=settings.allow_download)
-    path = _path_of(settings, folders)
+    path = named_path(settings.model, settings.folder, folders)
+    if path is None:
+        raise _no(
+            localized(QT_TR_NOOP("The recogniser {model} is outside the scenario's folder."), model=settings.model),
+            QT_TR_NOOP("Enter the full path, or put the model next to the scenario or into a models folder."),
+        )
     if not (path / _WEIGHTS).is_file():
         raise _no(
             localized(
@@ -129,16 +134,6 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
                 weights=_WEIGHTS,
                 found=found,
             ),
-        )
-    return path
-
-
-def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
-    path = named_path(settings.model, settings.folder, folders)
-    if path is None:
-        raise _no(
-            localized(QT_TR_NOOP("The recogniser {model} is outside the scenario's folder."), model=settings.model),
-            QT_TR_NOOP("Enter the full path, or put the model next to the scenario or into a models folder."),
         )
     return path
 

@@ -110,20 +110,18 @@ class WordsThread:
         self.news.put(RecogniserReady(engine.model, engine.language, time.monotonic() - began_s))
         with contextlib.closing(engine):
             while (stretch := self._requests.get()) is not None:
-                self._make_out(engine, stretch)
-
-    def _make_out(self, engine: Engine, stretch: TurnInterval) -> None:
-        began_s, text, away = time.monotonic(), None, None
-        try:
-            text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
-        except EngineUnavailableError as error:
-            away = error
-        except PluginError:
-            self.news.put(Recognition(stretch, None, time.monotonic() - began_s))
-            raise
-        except Exception:
-            _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
-        self.news.put(Recognition(stretch, text, time.monotonic() - began_s, away))
+                began_s, text, away = time.monotonic(), None, None
+                try:
+                    sound, careful = stretch.sound, stretch.at_pause
+                    text = engine.transcribe(sound, stretch.before, careful=careful, voice_s=stretch.voice_s)
+                except EngineUnavailableError as error:
+                    away = error
+                except PluginError:
+                    self.news.put(Recognition(stretch, None, time.monotonic() - began_s))
+                    raise
+                except Exception:
+                    _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
+                self.news.put(Recognition(stretch, text, time.monotonic() - began_s, away))
 
 
 def open_engine(settings: RecogniserSettings) -> Engine:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +141,8 @@ def store_model(file: Path, name: str) -> tuple[AddedModel, str]:
         try:
             os.link(file.resolve(), target)
         except OSError:
-            replace_file(target, _chunks(file), durable=False)
+            with file.open("rb") as opened:
+                replace_file(target, iter(partial(opened.read, _COPY_BYTES), b""), durable=False)
     except OSError as error:
         raise LanguageModelError(
             localized(QT_TR_NOOP("The file cannot be copied to {folder} ({error})."), folder=folder, error=error),
@@ -212,9 +213,3 @@ def _number(field: Any, default: int = 0) -> int:
         return default
     found = field.contents()
     return int(max(found, default=default) if isinstance(found, list) else found)
-
-
-def _chunks(file: Path) -> Iterator[bytes]:
-    with file.open("rb") as opened:
-        while chunk := opened.read(_COPY_BYTES):
-            yield chunk

@@ -8,7 +8,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 from caris_desktop.conversation.suggestions.prompt import same_words, words_of
 from caris_desktop.conversation.suggestions.proposable_actions import Proposed
@@ -56,26 +56,23 @@ class Suggested(Value):
     from_ns: int = 0
 
 
-class Follower(Protocol):
-    """Receiver of requests and events, called at once."""
-
-    def ask(self, begun: Round) -> None:
-        """Request replies from the model; each is returned by ``Rounds.offer``."""
-
-    def drop(self, reason: str) -> None:
-        """Cancel the last request."""
-
-    def on_suggestion(self, event: SuggestionChanged) -> None: ...
-
-
 class SuggestionCycle:
     """Replies of one conversation. ``acts_after_ns`` is the countdown after which the first is said without a key, None
     for never.
+
+    ``report`` receives each event at once. ``ask`` requests replies from the model, each of which comes back by
+    ``offer``; ``drop`` cancels the last request, with a reason.
     """
 
-    def __init__(self, follower: Follower, new_id: Callable[[], str]) -> None:
-        self._follower = follower
-        self._new_id = new_id
+    def __init__(
+        self,
+        report: Callable[[SuggestionChanged], None],
+        new_id: Callable[[], str],
+        *,
+        ask: Callable[[Round], None],
+        drop: Callable[[str], None],
+    ) -> None:
+        self._report, self._new_id, self._ask, self._drop = report, new_id, ask, drop
         self.acts_after_ns: int | None = None
         self.round: Round | None = None
         self.cards: tuple[Suggested, ...] = ()
@@ -209,7 +206,7 @@ class SuggestionCycle:
         pause = self._pause
         if pause is not None and now_ns >= pause.voice_ended_ns + PAUSE_NS:
             self._pause, self._last, self.round = None, pause, pause
-            self._follower.ask(pause)
+            self._ask(pause)
         if self.cards and now_ns >= self.cards[0].shown_ns + EXPIRES_NS:
             self._leave("expired", now_ns, reason="they were not used")
 
@@ -270,7 +267,7 @@ class SuggestionCycle:
             self._cards_removed_ns = now_ns
         self.cards = ()
         self.round = None
-        self._follower.drop(reason)
+        self._drop(reason)
 
     def _notify(
         self,
@@ -283,7 +280,7 @@ class SuggestionCycle:
         utterance_id: str = "",
         actor: Actor = "",
     ) -> None:
-        self._follower.on_suggestion(
+        self._report(
             SuggestionChanged(
                 now_ns, card.suggestion_id, state, card.turn_id, card.revision, card.rank, card.text, card.model,
                 latency_ms, edit_distance, utterance_id, MODEL if state == "displayed" else actor,

@@ -58,7 +58,6 @@ class CrashRecoveryService(ContextService):
         self._robot = robot
         self._do = do
         self._show_conversation = show_conversation
-        self._scenario: Scenario | None = None
         self._offered: UnfinishedTrial | None = None
         self._resumed: TrialResumed | None = None
         self._confirmed: list[ConfirmedAsBefore] = []
@@ -90,14 +89,13 @@ class CrashRecoveryService(ContextService):
         return {InitialPoseSet: lambda event: self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        before, self._scenario = self._scenario, scenario
         status: CrashRecoveryStatus = self._state.going_on.value
-        if status.state in ("unconfirmed", "confirmed") and (
-            before is None or _recording_permissions(before) != _recording_permissions(scenario)
-        ):
+        resumed = status.state in ("unconfirmed", "confirmed")
+        if resumed and _recording_permissions(self._scenario) != _recording_permissions(scenario):
             # The confirmation was given for another scenario.
             left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
             self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
+        self._scenario = scenario
 
     def start(self) -> None:
         def work() -> tuple[UnfinishedTrial, TrialDetails] | None:
@@ -172,7 +170,7 @@ class CrashRecoveryService(ContextService):
             return  # a practice begins anew, with no participant to ask
         trial = UnfinishedTrial(
             folder,
-            str(scenario.path) if scenario is not None and scenario.path is not None else "",
+            str(scenario.path) if scenario.path is not None else "",
             connection.profile.name if connection is not None else "",
             tuple(row.person_id for row in state.persons.value if row.here),
             state.selected_person.value,
@@ -209,7 +207,7 @@ class CrashRecoveryService(ContextService):
         if not self._state.drive.value.emergency_stop:
             self._do(intents.EmergencyStop(actor=intent.actor))
         here, connection = self._scenario, self._robot.connection
-        if trial.scenario and (here is None or str(here.path) != trial.scenario):
+        if trial.scenario and str(here.path) != trial.scenario:
             self._do(intents.OpenScenario(Path(trial.scenario), actor=intent.actor))
         if trial.robot and (connection is None or connection.profile.name != trial.robot):
             self._do(intents.UseRobot(trial.robot, actor=intent.actor))

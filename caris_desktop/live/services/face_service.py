@@ -71,8 +71,6 @@ class FaceService(ContextService):
         self._face: Face | None = None
         self._motion: FaceMotion | None = None
         self._requested_face = ""
-        self._captions = self._network = False
-        self._live_permitted = self._photos_permitted = False
         self._caption = ""
         self._speaking_id = ""
         self._voices: dict[str, PlayedSound] = {}
@@ -106,13 +104,11 @@ class FaceService(ContextService):
         return {UtteranceChanged: self._on_utterance}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        settings, permissions = scenario.face, scenario.permissions
-        self._captions, self._network = settings.captions, settings.page == "network"
-        self._live_permitted, self._photos_permitted = settings.live_picture, permissions.photos
-        if not permissions.face:
+        self._scenario = scenario
+        if not scenario.permissions.face:
             self._put_away()
-        elif self._requested_face != settings.face or self._face is None:
-            self._use(settings.face, CONSOLE)
+        elif self._requested_face != scenario.face.face or self._face is None:
+            self._use(scenario.face.face, CONSOLE)
 
     def stop(self) -> None:
         self._put_away()
@@ -174,14 +170,14 @@ class FaceService(ContextService):
         text = " ".join(intent.text.split())
         if intent.what == "text" and not text:
             raise RefusedError(tr("There is nothing to show."), tr("The face is unchanged."), tr("Enter a text first."))
-        if intent.what == "live" and not self._live_permitted:
+        if intent.what == "live" and not self._scenario.face.live_picture:
             raise RefusedError(
                 tr("This scenario does not show people what the robot sees."), tr("The face is unchanged."),
                 tr("To allow this, set face.live_picture in the scenario."),
             )  # fmt: skip
         if intent.what == "photo":
             photo = next((one for one in self._state.photos.value if one.file_name == text and not one.deleted), None)
-            if photo is None or not self._photos_permitted:
+            if photo is None or not self._scenario.permissions.photos:
                 raise RefusedError(
                     tr("That photo is not available."),
                     tr("The face is unchanged."),
@@ -229,7 +225,8 @@ class FaceService(ContextService):
             self._change(self._state.face.value, intent.actor)
             return
         if self._page.child is None:
-            self._page.start(ProcessSpec("face page", run_face_page, (self._network,)))
+            on_network = self._scenario.face.page == "network"
+            self._page.start(ProcessSpec("face page", run_face_page, (on_network,)))
             self._requested_by = intent.actor
 
     def _on_page_message(self, message: Any) -> None:
@@ -371,7 +368,7 @@ class FaceService(ContextService):
             return
         now_ns = clock.now_ns()
         expression = motion.at(now_ns)
-        self._show(drawing_of(face, expression, caption=self._caption if self._captions else ""))
+        self._show(drawing_of(face, expression, caption=self._caption if self._scenario.face.captions else ""))
         if motion.still:
             blink_ns = motion.next_blink_ns
             if blink_ns is None:

@@ -86,7 +86,6 @@ class MicrophoneService(ContextService):
         )
         self._wizard = LocalMicrophone(self._state.wizard_microphone, WIZARD_MICROPHONE, context, parts.wizard)
         self._needs: set[Need] = set()
-        self._scenario: Scenario | None = None
         self._started = False
         self._then: Callable[[], None] | None = None
         self._missing_since_ns: int | None = None
@@ -113,7 +112,7 @@ class MicrophoneService(ContextService):
     @property
     def current(self) -> str:
         """Current microphone of the participant: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
-        return "none" if self._scenario is None else participant_microphone(self._scenario, self._state.robot.value)
+        return participant_microphone(self._scenario, self._state.robot.value)
 
     @property
     def records(self) -> bool:
@@ -144,9 +143,8 @@ class MicrophoneService(ContextService):
 
     def start(self) -> None:
         self._started = True
-        if self._scenario is not None:
-            self._begin_with(self._scenario)
-            self._get_ready()
+        self._begin_with(self._scenario)
+        self._get_ready()
 
     def _begin_with(self, scenario: Scenario) -> None:
         if not self._may_record_participant(scenario) and not scenario.sound.hear:
@@ -157,8 +155,6 @@ class MicrophoneService(ContextService):
         self._need("transcription", scenario.permissions.transcription)
 
     def _get_ready(self) -> None:
-        if self._scenario is None:
-            return
         if self._is_to_record(self._scenario):
             self.open()
         if self._may_record_participant(self._scenario):
@@ -254,8 +250,8 @@ class MicrophoneService(ContextService):
     def _arrange(self) -> None:
         """Open what is needed, after closing the rest: both share one status."""
         source = self.current if self._needs else "none"
-        scenario, robot = self._scenario, self._state.robot.value
-        if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
+        robot = self._state.robot.value
+        if self._scenario.sound.ear == "auto" and robot is None and not self.records:
             source = "none"  # the robot is not known yet
         if source != "computer":
             self._participant.close()
@@ -279,7 +275,7 @@ class MicrophoneService(ContextService):
             self._distant.ask_again()
 
     def _on_robot_changed(self, _robot: object) -> None:
-        if self._started and self._scenario is not None:
+        if self._started:
             self._begin_with(self._scenario)
             self._get_ready()
 

@@ -56,7 +56,7 @@ from caris_desktop.live.service import (
     ServiceContext,
     localize_problem,
 )
-from caris_desktop.live.status import CrashRecoveryStatus, PerceptionStatus, PersonHistory, PracticeStatus
+from caris_desktop.live.status import PerceptionStatus, PersonHistory, PracticeStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PortraitsOf, PresenceTracker, RecognitionSettings
@@ -95,13 +95,12 @@ class PerceptionWorker(QObject):
 
     def __init__(
         self,
-        body: ProcessSpec,
         open_presence: Callable[[], tuple[PresenceTracker, list[Event]]],
         publish: ValueSink,
         portraits: Portraits | None = None,
     ) -> None:
         super().__init__()
-        self._body = body
+        self._body: ProcessSpec
         self._open_presence = open_presence
         self._publish = publish
         self._portraits = Portraits() if portraits is None else portraits
@@ -131,13 +130,8 @@ class PerceptionWorker(QObject):
         self._pending: FrameRef | None = None
         self._requested_ns = 0
 
-    @property
-    def name(self) -> str:
-        """Name of the inference process."""
-        return self._body.name
-
     def use_body(self, body: ProcessSpec) -> None:
-        """Restart inference with another detector or on another machine."""
+        """Start inference, or restart it with another detector or on another machine."""
         self._inputs.put(partial(self._use_body, body))
 
     def offer(self, ref: FrameRef) -> None:
@@ -230,7 +224,6 @@ class PerceptionWorker(QObject):
 
     def _run(self) -> None:
         self._open()
-        self._start_child()
         while True:
             with suppress(queue.Empty):
                 self._inputs.get(timeout=_TICK_S)()
@@ -483,19 +476,29 @@ class PeopleService(ContextService):
         self._who_speaks = who_speaks
         self._parts = parts
         self._rings = rings
+        self._inference: ProcessSpec | None = None
         self._thread = QThread(self)
         self._thread.setObjectName("perception")
-        self._worker: PerceptionWorker | None = None
-        self._inference = parts.inference
-        self._recognition = RecognitionSettings()
-        self._may_decide = True
-        self._cover = False
-        self._state.robot.changed.connect(self._on_cameras_changed)
-        self._state.own_cameras.changed.connect(self._on_cameras_changed)
-        self._state.camera.changed.connect(self._on_camera_changed)
-        self._state.going_on.changed.connect(self._on_crash_recovery_changed)
-        self._state.practice.changed.connect(self._on_practice_changed)
-        self._bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
+        state = self._state
+        self._worker = worker = PerceptionWorker(parts.open_presence, self._bus.publish, state.portraits)
+        worker.moveToThread(self._thread)
+        self._thread.started.connect(worker.run)
+        if parts.inference is None:
+            return
+        worker.status_changed.connect(state.perception.set, Qt.ConnectionType.QueuedConnection)
+        worker.persons_changed.connect(state.persons.set, Qt.ConnectionType.QueuedConnection)
+        worker.history_found.connect(state.person_history.reset_value, Qt.ConnectionType.QueuedConnection)
+        worker.everybody_changed.connect(state.everybody.set, Qt.ConnectionType.QueuedConnection)
+        state.robot.changed.connect(self._on_cameras_changed)
+        state.own_cameras.changed.connect(self._on_cameras_changed)
+        # Not queued: the worker's thread runs no event loop.
+        state.camera.changed.connect(worker.show_camera, Qt.ConnectionType.DirectConnection)
+        state.going_on.changed.connect(lambda status: worker.ask_consents_again("consent" in status.unconfirmed))
+        state.practice.changed.connect(self._on_practice_changed)
+        self._bus.tap(lambda ref, _raw: worker.offer(ref), (FrameRef,))
+        self._bus.tap(lambda lens, _raw: worker.use_lens(lens), (CameraLens,))
+        evidence = (LaserScan, Odometry, RobotPose, HeadState, DepthGrid)
+        self._bus.tap(lambda value, _raw: worker.offer_evidence(value), evidence)
 
     def handlers(self) -> Handlers:
         return dict.fromkeys(get_args(PeopleIntent), self.decide) | {
@@ -504,102 +507,69 @@ class PeopleService(ContextService):
         }
 
     def follows(self) -> Follows:
-        return dict.fromkeys(get_args(HistoryEvent), self._note)
+        return {} if self._parts.inference is None else dict.fromkeys(get_args(HistoryEvent), self._note)
 
     def use_scenario(self, scenario: Scenario) -> None:
+        body = self._parts.inference
+        if body is None:
+            return
+        before, self._inference = self._inference, self._parts.as_configured(body, scenario)
+        if self._inference != before:
+            self._worker.use_body(self._placed(self._inference, scenario))
         names = scenario.permissions.naming_people
         settings = scenario.perception
         # Without naming there is nobody to recognise, so nothing is learnt about people.
-        self._recognition = RecognitionSettings(
+        recognition = RecognitionSettings(
             settings.recognise if names else "nobody",
             settings.confirm_at,
             _PORTRAITS[scenario.blur.who],
             settings.ask_at,
         )
-        self._may_decide = names
-        self._cover = scenario.covers_people
-        body = self._parts.inference
-        if body is not None:
-            before, self._inference = self._inference, self._parts.as_configured(body, scenario)
-            if self._worker is not None and self._inference != before:
-                self._worker.use_body(self._placed(self._inference))
-        if self._worker is not None:
-            self._worker.recognise(self._recognition, may_decide=names)
-            self._worker.require_blurring(self._cover)
+        self._worker.recognise(recognition, may_decide=names)
+        self._worker.require_blurring(scenario.covers_people)
 
-    def _placed(self, body: ProcessSpec) -> ProcessSpec:
-        return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
+    def _placed(self, body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
+        """Process that reads the frames. If recordings must be blurred, detection has the recorder's priority; a
+        process cannot raise its priority later, so a later scenario does not change it.
+        """
+        covers = scenario.covers_people
+        arguments = (
+            replace(each, niceness=RECORD_NICENESS) if covers and isinstance(each, InferenceSettings) else each
+            for each in body.arguments
+        )
+        return replace(body, arguments=(self._rings, *arguments))
 
     def processes(self) -> dict[str, ChildProcess]:
-        child = None if self._worker is None else self._worker.child
+        child = self._worker.child
         return {} if child is None else {child.body.name: child}
 
     def restarts(self) -> dict[str, Restarts]:
-        return {} if self._worker is None else {self._worker.name: self._worker.restarts}
+        return {} if self._inference is None else {self._inference.name: self._worker.restarts}
 
     def start(self) -> None:
-        body = self._inference
-        if body is None:
-            return
-        worker = PerceptionWorker(
-            self._placed(body), self._parts.open_presence, self._bus.publish, self._state.portraits
-        )
-        worker.moveToThread(self._thread)
-        worker.status_changed.connect(self._state.perception.set, Qt.ConnectionType.QueuedConnection)
-        worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
-        worker.history_found.connect(self._state.person_history.reset_value, Qt.ConnectionType.QueuedConnection)
-        worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
-        worker.recognise(self._recognition, may_decide=self._may_decide)
-        worker.require_blurring(self._cover)
-        worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
-        worker.practise(_is_practice(self._state.practice.value))
-        self._thread.started.connect(worker.run)
-        self._worker = worker
-        self._on_cameras_changed(None)
-        worker.show_camera(self._state.camera.value)
-        self._thread.start(QThread.Priority.LowPriority)
-
-    def _ranked(self, argument: Any) -> Any:
-        """Raise the process priority of detection to the recorder's if recordings must be blurred. A process cannot
-        raise its priority later, so a later scenario does not change it.
-        """
-        if self._cover and isinstance(argument, InferenceSettings):
-            return replace(argument, niceness=RECORD_NICENESS)
-        return argument
+        if self._parts.inference is not None:
+            self._thread.start(QThread.Priority.LowPriority)
 
     def stop(self) -> None:
-        if self._worker is not None:
-            self._worker.stop()
+        self._worker.stop()
 
     def end(self) -> None:
-        if self._worker is not None and not self._thread.wait(_ENDS_WITHIN_MS):
+        if not self._thread.wait(_ENDS_WITHIN_MS):
             _log.error("the perception thread did not end")
 
     def limit_detection_rate(self, seconds: float) -> None:
         """Set the minimum interval between detections; 0 for none."""
-        if self._worker is not None:
-            self._worker.limit_detection_rate(seconds)
+        self._worker.limit_detection_rate(seconds)
 
     def forget_robot(self) -> None:
         """Reset for another robot with other cameras: nobody is present."""
         robot: RobotProfile | None = self._state.robot.value
-        if self._worker is not None and robot is not None and robot.cameras:
+        if robot is not None and robot.cameras:
             self._worker.forget_cameras()
-
-    def _offer(self, value: Any, _raw: bytes | None) -> None:  # any thread
-        worker = self._worker
-        if worker is None:
-            return
-        if isinstance(value, FrameRef):
-            worker.offer(value)
-        elif isinstance(value, CameraLens):
-            worker.use_lens(value)
-        else:
-            worker.offer_evidence(value)
 
     def decide(self, intent: PeopleIntent) -> None:
         """Run a decision in the perception thread. Raises UserFacingError without perception."""
-        if self._worker is None:
+        if self._parts.inference is None:
             raise UserFacingError(
                 tr("People detection is not available here."),
                 tr("Nothing about them was changed."),
@@ -608,44 +578,26 @@ class PeopleService(ContextService):
         self._worker.ask(intent)
 
     def _request_history(self, intent: intents.LookUpPerson) -> None:
-        if self._worker is not None:
-            self._worker.request_history(intent.person_id, intent.text)
+        self._worker.request_history(intent.person_id, intent.text)
 
     def _attend(self, intent: intents.AttendPerson) -> None:
         self._state.selected_person.set(intent.person_id)
         self._bus.publish(PersonAttended(clock.now_ns(), intent.person_id, intent.actor))
 
     def _note(self, event: HistoryEvent) -> None:
-        if self._worker is None:
-            return
         if isinstance(event, UtteranceChanged) and event.speaker == "participant" and not event.person_id:
             event = replace(event, person_id=self._who_speaks(event))
         self._worker.note(event)
 
     def _on_cameras_changed(self, _value: object) -> None:
-        if self._worker is None:
-            return
         robot: RobotProfile | None = self._state.robot.value
         models: dict[str, CameraModel | None] = dict(self._state.own_cameras.value)
         models.update({camera.name: camera.model for camera in (robot.cameras if robot is not None else ())})
         self._worker.use_cameras({name: model for name, model in models.items() if model is not None})
 
-    def _on_camera_changed(self, name: str) -> None:
-        if self._worker is not None:
-            self._worker.show_camera(name)
-
-    def _on_crash_recovery_changed(self, status: CrashRecoveryStatus) -> None:
-        if self._worker is not None:
-            self._worker.ask_consents_again("consent" in status.unconfirmed)
-
     def _on_practice_changed(self, status: PracticeStatus) -> None:
-        if self._worker is not None:
-            self._worker.practise(_is_practice(status))
-
-
-def _is_practice(status: PracticeStatus) -> bool:
-    """Whether people in view belong to the practice, whose robot stays until its result is dismissed."""
-    return status.state != PracticeStatus().state
+        # People in view belong to the practice, whose robot stays until its result is dismissed.
+        self._worker.practise(status.state != PracticeStatus().state)
 
 
 # Transcript service: turns of the session, with the wizard's corrections.

@@ -103,7 +103,7 @@ class PreflightService(ContextService):
         state = context.state
         self._disk_of = disk
         self._microphone_chosen = microphone_chosen
-        self._scenario: Scenario | None = None
+        self._in_use: Scenario | None = None
         self._disk: Disk = (None, None)
         self._ticks: dict[str, ChecklistItem] = {}
         self._reason_open = ""
@@ -131,7 +131,7 @@ class PreflightService(ContextService):
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
-        before, self._scenario = self._scenario, scenario
+        before, self._in_use = self._in_use, scenario
         if before is not None and before.path != scenario.path:
             self._reset("")
         if self._disk_timer.isActive():
@@ -168,7 +168,7 @@ class PreflightService(ContextService):
 
     def evaluate(self, _changed: object = None) -> None:
         """Evaluate the checks now."""
-        scenario = self._scenario
+        scenario = self._in_use
         if scenario is None:
             return
         if self._state.link.value.state != self._link_state:
@@ -260,7 +260,7 @@ class PreflightService(ContextService):
             self.evaluate()
 
     def _check_disk(self) -> None:
-        scenario = self._scenario
+        scenario = self._in_use
         if scenario is not None and self._state.recording.value.state not in IN_SESSION:
             self._slow_work.do(lambda: self._disk_of(scenario), self._on_disk_looked_at, lambda _failure: None)
 

@@ -303,7 +303,6 @@ class RecordingService(ContextService):
         self._blur = BlurDemand()
         self._consents = UseConsents()
         self._restarts = Restarts()
-        self._scenario: Scenario | None = None
         self._started = False
 
     def _new_recorder(self) -> ChildProcess:
@@ -329,8 +328,7 @@ class RecordingService(ContextService):
         self._started = True
         self._recorder.start()
         self._report_consents()
-        if self._scenario is not None:
-            self._offer_markers(self._scenario)
+        self._offer_markers(self._scenario)
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
         """Record a domain value; ``raw`` is its pickled form if available. Any thread."""
@@ -359,7 +357,7 @@ class RecordingService(ContextService):
         """Announce a recording: ``opened`` are its initial events, and later values are included. Can be abandoned
         until ``begin_session``. False if refused, with a reported reason if there is one.
         """
-        if not self.idle or self._scenario is None:
+        if not self.idle:
             return False
         if self._restarts.exhausted:
             self._state.recording.update(state="failed")
@@ -396,7 +394,7 @@ class RecordingService(ContextService):
 
     def _on_folder_made(self, folder: Path, header: SessionHeader, actor: Actor) -> None:
         self._making_folder = False
-        if self._scenario is None or not self._feed.holds:
+        if not self._feed.holds:
             return  # the recorder failed too often meanwhile
         self.session_folder = folder
         permissions, recording = self._scenario.permissions, self._scenario.recording

@@ -230,7 +230,6 @@ class SoundService(ContextService):
         self._problem = self._bus.problem
         self._microphones = microphones
         self._speech = speech
-        self._scenario: Scenario | None = None
         self._started = False
         self._hears = False
         self._hearing = Playback(parts.hearing, context, ended=self._on_hearing_ended)
@@ -270,7 +269,7 @@ class SoundService(ContextService):
     def _get_ready(self, _robot: object = None) -> None:
         """Start the playback of the wizard's voice in advance, once it is known to be needed."""
         scenario, robot = self._scenario, self._state.robot.value
-        if not self._started or scenario is None or not scenario.permissions.own_voice:
+        if not self._started or not scenario.permissions.own_voice:
             return
         known = robot is not None or scenario.sound.own_voice != "auto"
         if known and "computer" in self._outlets(scenario):
@@ -291,7 +290,7 @@ class SoundService(ContextService):
             self._let_go()
             return
         scenario = self._scenario
-        if scenario is None or self._state.sound.value.talking:
+        if self._state.sound.value.talking:
             return
         if self._microphones.wizards_choice is None:
             raise RefusedError(
@@ -362,8 +361,7 @@ class SoundService(ContextService):
     # Listening to the robot's microphone
 
     def _hear_robot(self, intent: intents.HearRobot) -> None:
-        scenario = self._scenario
-        if intent.on and (scenario is None or not scenario.sound.hear):
+        if intent.on and not self._scenario.sound.hear:
             raise RefusedError(
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),

@@ -81,7 +81,6 @@ class SpeakingService(ContextService):
         super().__init__(context)
         self._queue = queue
         self._do = do
-        self._naming = False
         self._pending: intents.Say | None = None
         self._given: dict[str, str] = {}
         self._gestures: dict[str, UtteranceChanged] = {}
@@ -108,7 +107,7 @@ class SpeakingService(ContextService):
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._naming = scenario.permissions.naming_people
+        self._scenario = scenario
         if scenario.phrases != self._phrases:
             self._phrases = scenario.phrases
             self._state.choose_phrases(0)
@@ -164,12 +163,12 @@ class SpeakingService(ContextService):
             raise _already_spoken()
 
     def _words(self, person_id: str, given: dict[str, str]) -> dict[str, Words]:
-        known = words_now(self._state, person_id, naming=self._naming)
+        known = words_now(self._state, person_id, naming=self._scenario.permissions.naming_people)
         return known | {gap: given_words(gap, value, person_id) for gap, value in given.items()}
 
     def _filled(self, text: str, words: dict[str, Words]) -> Words:
         def named(person_id: str) -> str:
-            name = name_of(self._state, person_id, naming=self._naming)
+            name = name_of(self._state, person_id, naming=self._scenario.permissions.naming_people)
             if not name:
                 raise _nobody_knows(NAME)
             return name

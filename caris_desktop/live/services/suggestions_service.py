@@ -28,7 +28,6 @@ from caris_desktop.domain.events import (
     LevelChanged,
     LlmExchange,
     Marked,
-    SuggestionChanged,
     UtteranceChanged,
     UtteranceCorrected,
 )
@@ -60,7 +59,6 @@ class ProposalsService(ContextService):
         super().__init__(context)
         self._model = model
         self._do = do
-        self._scenario: Scenario | None = None
         self._asking = ""
         self._proposals = Proposals(self._bus.publish, lambda: f"a-{secrets.token_hex(4)}")
         self._timer = new_timer(self, self._on_time, single_shot=True, precise=True)
@@ -117,7 +115,7 @@ class ProposalsService(ContextService):
         state, robot = self._state, self._state.robot.value
         head = robot.head if robot is not None else None
         return proposable_actions.proposable_here(
-            self._scenario.permissions if self._scenario is not None else None,
+            self._scenario.permissions,
             places=[place.name for place in state.places.value],
             controls=state.controls.value,
             pan_range_rad=head.pan_range_rad if head is not None else None,
@@ -140,7 +138,7 @@ class ProposalsService(ContextService):
         except proposable_actions.NotOfferedError as refused:
             self._proposals.refuse(begun, exchange.model, str(refused), now_ns)
             return
-        if proposed is not None and self._scenario is not None:
+        if proposed is not None:
             acts = self._state.levels.value.actions == "act"
             countdown_ns = int(self._scenario.assistance.countdown_s * 1e9)
             self._proposals.offer(begun, proposed, exchange.model, now_ns, acts_after_ns=countdown_ns if acts else None)
@@ -226,7 +224,9 @@ class SuggestionsService(ContextService):
         self._scenario = scenario
         self._used: Scenario | None = None
         self._doing = ""
-        self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
+        self._rounds = SuggestionCycle(
+            self._bus.publish, lambda: f"s-{secrets.token_hex(4)}", ask=self._ask, drop=self._drop
+        )
         self._filler = FillerWait()
         self._request: _Request | None = None
         self._asking = ""
@@ -317,7 +317,7 @@ class SuggestionsService(ContextService):
 
     # Callbacks of Rounds
 
-    def ask(self, begun: Round) -> None:
+    def _ask(self, begun: Round) -> None:
         """Callback of the rounds: a cycle begins."""
         self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
@@ -349,14 +349,10 @@ class SuggestionsService(ContextService):
     def _earlier_messages(self) -> Sequence[ChatMessage]:
         return self._question(Round("", 0, "", 0)).messages
 
-    def drop(self, reason: str) -> None:
+    def _drop(self, reason: str) -> None:
         """Callback of the rounds: these replies are no longer needed."""
         asking, self._asking = self._asking, ""
         self._model.cancel(asking, reason)
-
-    def on_suggestion(self, event: SuggestionChanged) -> None:
-        """Callback of the rounds: a reply was shown, or its outcome is known."""
-        self._bus.publish(event)
 
     def _question(self, begun: Round) -> _Request:
         settings = self._scenario.assistant
@@ -437,7 +433,7 @@ class SuggestionsService(ContextService):
 
     def _ask_again(self, request: _Request) -> None:
         if self._request is request and self._rounds.round is not None and not self._asking:
-            self.ask(request.begun)
+            self._ask(request.begun)
             self._show()
 
     def _lines(self, exchange: LlmExchange) -> Sequence[str]:
@@ -513,12 +509,11 @@ class SuggestionsService(ContextService):
         if intent.level not in levels_up_to(highest):
             raise RefusedError(
                 tr("This scenario does not allow a level above “{highest}” for {function}.").format(
-                highest=highest, function=intent.function
+                    highest=highest, function=intent.function
                 ),
-                tr(
-                "The level is "
-                "unchanged."), tr("Change the highest level under assistance in the scenario."),
-            )  # fmt: skip
+                tr("The level is unchanged."),
+                tr("Change the highest level under assistance in the scenario."),
+            )
         self._use_level(intent.function, intent.level, intent.actor)
 
     def _use_level(self, function: AssistedFunction, level: AssistanceLevel, actor: Actor) -> None:

@@ -13,6 +13,7 @@ import socket
 import ssl
 import time
 from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
@@ -20,7 +21,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from websockets.asyncio.server import Server, ServerConnection, serve
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI, WebSocketException
 from websockets.http11 import Request, Response
 from websockets.sync.client import ClientConnection, connect
@@ -103,13 +103,8 @@ class RemoteDetector:
             self.close()
             raise self._away(QT_TR_NOOP("The response from {shown} cannot be read")) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
-        limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
-        return Detections(
-            found.corners_px[known].clip(0.0, limits),
-            found.confidences[known],
-            found.classes[known],
-            None if found.keypoints is None else found.keypoints[known],
-        )
+        found, limits = found.at(known), [image_bgr.shape[1], image_bgr.shape[0]] * 2
+        return replace(found, corners_px=found.corners_px.clip(0.0, limits))
 
     def close(self) -> None:
         connection, self._connection = self._connection, None
@@ -268,13 +263,14 @@ async def serving(
     def admit(connection: ServerConnection, request: Request) -> Response | None:
         given_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
         if token and not hmac.compare_digest(given_token, f"Bearer {token}".encode()):
-            return _response(http.HTTPStatus.UNAUTHORIZED)
+            return connection.respond(http.HTTPStatus.UNAUTHORIZED, "")
         if not token and not is_own_host(request.headers.get_all("Host")):
-            return _response(http.HTTPStatus.FORBIDDEN)
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "")
         listener.admit(connection.remote_address)
         if "Upgrade" not in request.headers:  # a health check, or a person with a browser
-            return _response(http.HTTPStatus.OK, hello.encode())
-        return _response(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
+            return connection.respond(http.HTTPStatus.OK, hello)
+        full = len(clients) >= _CLIENTS_AT_MOST
+        return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "") if full else None
 
     async def answer(connection: ServerConnection) -> None:
         clients.add(connection)
@@ -318,11 +314,6 @@ def _answer_request(detector: Detector, message: str | bytes) -> str:
     except Exception:  # a failed image does not end the server
         log.exception("a picture of %s pixels could not be looked at", image.shape[:2])
         return json.dumps({"error": "The detector failed on this image."})
-
-
-def _response(status: http.HTTPStatus, body: bytes = b"") -> Response:
-    headers = Headers([("Content-Length", str(len(body))), ("Connection", "close")])
-    return Response(status.value, status.phrase, headers, body)
 
 
 def _name(connection: ServerConnection) -> str:

@@ -519,10 +519,8 @@ def _given_token(authorization: str) -> bytes:
     if kind.lower() == "bearer":
         return credentials.strip().encode()
     if kind.lower() == "basic":
-        try:
+        with contextlib.suppress(ValueError):
             return base64.b64decode(credentials, validate=True).partition(b":")[2]
-        except ValueError:
-            return b""
     return b""
 
 

@@ -99,6 +99,8 @@ class WebRtcCamera:
         await self._connection.close()
 
     async def _connect(self) -> None:
+        import aiortc
+
         self._connection.addTransceiver("video", direction="recvonly")
         if self._chosen.sound:
             self._connection.addTransceiver("audio", direction="recvonly")
@@ -113,7 +115,8 @@ class WebRtcCamera:
             raise self._refused(response.status, content)
         try:
             answer = parse_json(content)["sdp"] if plain else content.decode()
-            await self._connection.setRemoteDescription(_description(str(answer)))
+            description = aiortc.RTCSessionDescription(sdp=str(answer), type="answer")
+            await self._connection.setRemoteDescription(description)
         except Exception as error:
             # aiortc raises many kinds of errors for an unusable answer.
             raise CameraError(
@@ -248,9 +251,3 @@ def _holds(ticks: Sequence[int], tick: int) -> bool:
     """True if one of the times equals ``tick`` within rounding."""
     at = bisect.bisect_left(ticks, tick - _ROUNDED_TICKS)
     return at < len(ticks) and ticks[at] <= tick + _ROUNDED_TICKS
-
-
-def _description(sdp: str) -> Any:
-    import aiortc
-
-    return aiortc.RTCSessionDescription(sdp=sdp, type="answer")

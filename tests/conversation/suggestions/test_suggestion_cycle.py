@@ -34,15 +34,6 @@ class Follower:
     dropped: list[str] = field(default_factory=list)
     told: list[SuggestionChanged] = field(default_factory=list)
 
-    def ask(self, begun: Round) -> None:
-        self.asked.append(begun)
-
-    def drop(self, why: str) -> None:
-        self.dropped.append(why)
-
-    def on_suggestion(self, event: SuggestionChanged) -> None:
-        self.told.append(event)
-
     @property
     def fates(self) -> list[tuple[int, str]]:
         return [(event.rank, event.state) for event in self.told if event.state != "displayed"]
@@ -56,7 +47,9 @@ def heard() -> Follower:
 @pytest.fixture
 def rounds(heard: Follower) -> SuggestionCycle:
     numbers = count(1)
-    return SuggestionCycle(heard, lambda: f"s-{next(numbers)}")
+    return SuggestionCycle(
+        heard.told.append, lambda: f"s-{next(numbers)}", ask=heard.asked.append, drop=heard.dropped.append
+    )
 
 
 def begun(rounds: SuggestionCycle, heard: Follower, *texts: str) -> Round:
