@@ -28,12 +28,8 @@ from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, SCENARIO_VERSIO
 # Versions and migrations of scenario files.
 
 
-def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 0 is a file without a version; nothing else differs."""
-    return data
-
-
-MIGRATIONS: Mapping[int, Migration] = {0: _number_the_version}
+# Version 0 is a file without a version; nothing else differs.
+MIGRATIONS: Mapping[int, Migration] = {0: lambda data: data}
 
 
 def migrate(
@@ -354,10 +350,10 @@ def _meaning_problems(
         if name in seen_places:
             yield ("places", index), tr("duplicate place '{name}'.").format(name=place["name"])
         seen_places.add(name)
-    for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
+    phrases: tuple[PhraseEntry, ...] = value_from(tuple[PhraseEntry, ...], data.get("phrases", []))
+    for path, problem in phrase_problems(phrases):
         yield ("phrases", *path), problem
-    phrases = phrase_groups(value_from(tuple[PhraseEntry, ...], data.get("phrases", [])))
-    keys = [phrase.key for group in phrases for phrase in group.phrases]
+    keys = [phrase.key for group in phrase_groups(phrases) for phrase in group.phrases]
     for path, problem in gesture_problems(value_from(tuple[Gesture, ...], data.get("gestures", [])), keys):
         yield ("gestures", *path), problem
     protocol = value_from(ProtocolSettings, data.get("protocol", {}))

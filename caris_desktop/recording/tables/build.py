@@ -46,32 +46,25 @@ def array(table: str, column: Column, values: list[Any]) -> Any:
         return pa.array(fitting, kind)
 
 
+@functools.cache
 def arrow_type(kind: Kind) -> Any:
     import pyarrow as pa
 
-    match kind:
-        case "integer":
-            return pa.int64()
-        case "number":
-            return pa.float64()
-        case "true or false":
-            return pa.bool_()
-        case "utc":
-            return pa.timestamp("us", tz="UTC")
-        case "integers":
-            return pa.list_(pa.int64())
-        case "numbers":
-            return pa.list_(pa.float32())
-        case "texts":
-            return pa.list_(pa.string())
-        case "points":
-            return pa.list_(pa.list_(pa.float32()))
-        case "cells":
-            return pa.list_(pa.int8())
-        case "depths":
-            return pa.list_(pa.uint16())
-        case "text" | "json":
-            return pa.string()
+    types: dict[Kind, Any] = {
+        "integer": pa.int64(),
+        "number": pa.float64(),
+        "text": pa.string(),
+        "true or false": pa.bool_(),
+        "json": pa.string(),
+        "utc": pa.timestamp("us", tz="UTC"),
+        "integers": pa.list_(pa.int64()),
+        "numbers": pa.list_(pa.float32()),
+        "texts": pa.list_(pa.string()),
+        "points": pa.list_(pa.list_(pa.float32())),
+        "cells": pa.list_(pa.int8()),
+        "depths": pa.list_(pa.uint16()),
+    }
+    return types[kind]
 
 
 _READY: dict[Kind, Callable[[Any], Any]] = {
