@@ -282,7 +282,8 @@ def _record_builder(kind: Any) -> Callable[[Any], Any]:
         for number, (name, build) in enumerate(builders.items()):
             names[f"b{number}"] = build
             made = f"b{number}(data[{name!r}])"
-            if short := _UNCHANGED.get(without_alias(hints[name])):
+            some = [one for one in union_members(hints[name]) if one is not type(None)] or [without_alias(hints[name])]
+            if len(some) == 1 and (short := _UNCHANGED.get(some[0])):
                 made = f"{short.format(f'v{number}', name, _LEAST_WHOLE, _LARGEST_WHOLE)} else b{number}(v{number})"
             lines.append(f" if {name!r} in data: given[{name!r}] = {made}")
         exec("\n".join([*lines, " return kind(**given)"]), names)  # noqa: S102 - of our own fields
