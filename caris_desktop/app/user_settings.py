@@ -22,7 +22,7 @@ from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.confirmed_files import carry
-from caris_desktop.scenario.scenario_file import ScenarioError, own_file, own_file_called, save_layout, save_scenario
+from caris_desktop.scenario.scenario_file import LAYOUTS, ScenarioError, own_file, own_file_called, save_scenario
 from caris_desktop.scenario.scenario_model import (
     LayoutNode,
     Scenario,
@@ -257,7 +257,7 @@ def _written(scenario: Scenario) -> Path:
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        carry(scenario, save_layout(scenario, path))
+        carry(scenario, save_scenario(scenario, path, only=LAYOUTS))
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error
     return path
