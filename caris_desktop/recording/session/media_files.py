@@ -6,7 +6,7 @@ import os
 import re
 import struct
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -48,14 +49,6 @@ def camera_of_video(file_name: str, cameras: Iterable[str]) -> str:
 def in_file_names(text: str) -> str:
     """Text as part of a file name; empty if no character is allowed."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
-
-
-def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool], *, number_as: str = "-{}") -> str:
-    """``STEMSUFFIX``, or numbered from 2 if that is taken."""
-    name, number = f"{stem}{suffix}", 2
-    while is_taken(name):
-        name, number = f"{stem}{number_as.format(number)}{suffix}", number + 1
-    return name
 
 
 # Headers of WAV files with 16-bit samples, also of those that grow or were never completed.
