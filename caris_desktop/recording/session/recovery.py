@@ -469,15 +469,15 @@ class _Repair:
             if not inside(self._folder, path.name):
                 continue
             try:
-                sound = media_files.repair_wav(path)
+                sound, repaired = media_files.repair_wav(path)
             except ValueError as error:
                 self._say(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
                 continue
-            if sound.repaired:
+            rate_hz = sound.sample_rate_hz
+            if repaired:
                 message = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
-                self._say(message, file=path.name, seconds=f"{sound.duration_s:.1f}")
+                self._say(message, file=path.name, seconds=f"{sound.samples / rate_hz:.1f}")
             first = self._record.sounds.get(path.name)
-            rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
             first_ns = self._clock.started_ns
             if first is not None:
