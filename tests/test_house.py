@@ -48,7 +48,7 @@ READ_ASIDE = {
     "live/services/scenario_service.py: ScenarioService._save.work": "slow work",
     "live/session_library.py: _begun_replay": "slow work",
     "live/session_library.py: _holds_something": "slow work",
-    "live/session_library.py: _not_yet_there": "slow work",
+    "live/session_library.py: LiveSessionLibrary.choose_export_folder.usual_folder": "slow work",
     "ui/export_dialog.py: ExportDialog._choose_folder": "Qt's own file dialog reads the same folder as it opens",
     "ui/help_window.py": "the installed guide, in a window whose opening ends driving",
     "ui/theme.py: _font_files": "the program's own files, once",
@@ -64,8 +64,8 @@ READ_ASIDE = {
     "ui/shortcut_reference.py": "writes the pages of the guide, without a window",
 }
 READING_NAMES = {
-    "check_output", "list_profiles", "list_scenarios", "load_documents", "load_profile", "load_scenario", "open",
-    "opened_file", "Popen", "scenario_files", "TemporaryFile",
+    "check_output", "free_path", "list_profiles", "list_scenarios", "load_documents", "load_profile", "load_scenario",
+    "open", "opened_file", "Popen", "scenario_files", "TemporaryFile",
 }  # fmt: skip
 READING_METHODS = {
     "exists", "glob", "is_dir", "is_file", "is_symlink", "iterdir", "lstat", "read_bytes", "read_text", "resolve",

@@ -11,9 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from caris_desktop.domain.file_replacement import narrow, no_room, replace_file
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.live.study_jobs import JobError, Progress, WorkersError, add_worker_arguments, run_jobs, workers_of
+from caris_desktop.live.study_jobs import JobError, WorkersError, add_worker_arguments, run_jobs, workers_of
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.perception import blur
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
@@ -22,11 +23,11 @@ from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, F
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
-from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.session_header import SessionError, is_session, read_header
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import (
     ExportError,
+    Progress,
     export_names,
     remove_partial_exports,
     sessions_in,

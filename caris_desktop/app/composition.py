@@ -95,7 +95,7 @@ from caris_desktop.scenario.scenario_file import (
     ScenarioError,
     load_scenario,
     own_file,
-    save_places,
+    save_scenario,
     save_text,
     scenario_text,
     user_scenarios_dir,
@@ -494,7 +494,7 @@ def _save_places(scenario: Scenario) -> Scenario:
     advice = tr("Make that file writable, or copy the scenario and open the copy.")
     with reported((OSError, ScenarioError), tr("The place was not saved."), advice):
         path.parent.mkdir(parents=True, exist_ok=True)
-        saved = save_places(scenario, path)
+        saved = save_scenario(scenario, path, only=("places",))
         confirmed_files.carry(scenario, saved)
     return saved
 

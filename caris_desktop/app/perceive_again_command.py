@@ -22,7 +22,7 @@ from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
+from caris_desktop.live.study_jobs import JobError, add_session_arguments, run_over_sessions
 from caris_desktop.perception.camera_schedule import CameraRotation
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
@@ -37,6 +37,7 @@ from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoPict
 from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import Progress
 from caris_desktop.recording.table_files import DELETED_BY_ERASURE
 from caris_desktop.robot.profile import parse_profile
 from caris_desktop.robot.profile_model import ProfileError

@@ -14,12 +14,13 @@ from caris_desktop.conversation.listening.recogniser_messages import RecogniserS
 from caris_desktop.conversation.resampling import resampled
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES
-from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
+from caris_desktop.live.study_jobs import JobError, add_session_arguments, run_over_sessions
 from caris_desktop.recording.csv_cells import SHOWN
 from caris_desktop.recording.session.media_files import wav_layout
 from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import AudioInfo, SessionError, inside
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import Progress
 from caris_desktop.recording.table_files import transcripts_folder
 
 _RATE_HZ = 16_000

@@ -18,11 +18,12 @@ from PySide6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, Signa
 
 from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.free_names import free_name, free_path
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.confirmed_files import carry
-from caris_desktop.scenario.scenario_file import ScenarioError, own_file, own_file_called, save_layout, save_scenario
+from caris_desktop.scenario.scenario_file import LAYOUTS, ScenarioError, own_file, own_file_called, save_scenario
 from caris_desktop.scenario.scenario_model import (
     LayoutNode,
     Scenario,
@@ -142,7 +143,8 @@ def _copy_aside(settings: QSettings) -> Path:
     folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppConfigLocation))
     stem, ending = (source.stem, source.suffix) if source.is_file() else ("CARIS Desktop", ".ini")
     folder = source.parent if source.is_file() else folder
-    copy = _unused(folder / f"{stem} {datetime.now():%Y-%m-%d %H-%M-%S}{ending}")
+    stem = f"{stem} {datetime.now():%Y-%m-%d %H-%M-%S}"
+    copy = folder / free_name(stem, ending, lambda name: (folder / name).exists(), number_as=" ({})")
     if source.is_file():
         shutil.copyfile(source, copy)
         return copy
@@ -154,15 +156,6 @@ def _copy_aside(settings: QSettings) -> Path:
     if written.status() != QSettings.Status.NoError:
         raise OSError(f"{copy} cannot be written")
     return copy
-
-
-def _unused(path: Path) -> Path:
-    number = 2
-    free = path
-    while free.exists():
-        free = path.with_name(f"{path.stem} ({number}){path.suffix}")
-        number += 1
-    return free
 
 
 # Panel layouts saved in scenario files, and their previous versions for a reset.
@@ -254,7 +247,7 @@ def _written(scenario: Scenario) -> Path:
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        carry(scenario, save_layout(scenario, path))
+        carry(scenario, save_scenario(scenario, path, only=LAYOUTS))
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error
     return path
@@ -262,12 +255,10 @@ def _written(scenario: Scenario) -> Path:
 
 def _rewritten(scenario: Scenario) -> Path:
     """Write the scenario to a new file named by its title, never over an existing one. Raises UserFacingError."""
-    first = path = own_file_called(scenario.title)
+    path = own_file_called(scenario.title)
+    path = free_path(path, path.suffix)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        number = 2
-        while path.exists():
-            path, number = first.with_stem(f"{first.stem}-{number}"), number + 1
         carry(scenario, save_scenario(scenario, path))
     except (OSError, ScenarioError) as error:
         raise _not_saved(path, error) from error

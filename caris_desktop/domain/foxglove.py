@@ -174,12 +174,7 @@ def _restore_scan(message: Message) -> Message:
 
 def _numbers(array: NDArray[np.float32]) -> list[float]:
     """Finite numbers, with stand-ins for those that JSON lacks."""
-    short = in_few_digits(array)
-    if not np.isfinite(short).all():
-        short[np.isnan(short)] = INVALID
-        short[np.isposinf(short)] = INFINITE
-        short[np.isneginf(short)] = -INFINITE
-    numbers: list[float] = short.tolist()
+    numbers: list[float] = np.nan_to_num(in_few_digits(array), nan=INVALID, posinf=INFINITE, neginf=-INFINITE).tolist()
     return numbers
 
 

@@ -48,13 +48,13 @@ def _require_readable(spec: StreamSpec, value: Any, fields: dict[str, Any]) -> N
 def from_message(spec: StreamSpec, message: Any) -> Any:
     """Value of a message of this version or an older one. Raises ValueError if there is none."""
     if isinstance(message, dict):
-        absent = {name: None for name in _fields_of(spec).needed if name not in message}
+        needed = _fields_of(spec).needed
         try:
             restored = {} if spec.well_known is None else spec.well_known.restore(message)
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"not a message of {spec.name}: {error}") from error
-        if absent or restored:
-            message = {**message, **absent, **restored}
+        if needed or restored:
+            message = {**dict.fromkeys(needed), **message, **restored}
     return from_jsonable(spec.value_type, message)
 
 

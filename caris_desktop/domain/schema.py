@@ -42,7 +42,7 @@ def to_jsonable(value: Any) -> Any:
         return value
     if type(value) is float:
         return value if math.isfinite(value) else None
-    if type(value) is dict:
+    if isinstance(value, dict):
         return {str(key): to_jsonable(item) for key, item in value.items()}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -57,8 +57,6 @@ def to_jsonable(value: Any) -> Any:
         return flat if value.ndim == 1 else np.array(flat, dtype=object).reshape(value.shape).tolist()
     if isinstance(value, (list, tuple)):
         return [to_jsonable(item) for item in value]
-    if isinstance(value, dict):
-        return {str(key): to_jsonable(item) for key, item in value.items()}
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Path):
@@ -123,8 +121,8 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
     if origin is Literal:
         return functools.partial(_one_of, arguments)
     if origin in (tuple, list):
-        make, item = origin, _builder(_only_item(kind))
-        return lambda data: make(map(item, _items(data)))
+        item = _builder(_only_item(kind))
+        return lambda data: origin(map(item, _items(data)))
     if origin is dict and arguments[0] is str:
         item = _builder(arguments[1])
         return lambda data: {key: item(value) for key, value in _object(data).items()}
@@ -276,27 +274,26 @@ _UNCHANGED = {
 def _record_builder(kind: Any) -> Callable[[Any], Any]:
     """Constructor of a dataclass, compiled at its first use."""
     hints, builders = typing.get_type_hints(kind), _field_builders(kind)
-    compiled: Callable[[Any], Any] | None = None
 
-    def compile_it() -> Callable[[Any], Any]:
+    @functools.cache
+    def compiled() -> Callable[[Any], Any]:
         names: dict[str, Any] = {"kind": kind, "as_object": _object}
         lines = ["def build(data):", " data = data if type(data) is dict else as_object(data)", " given = {}"]
         for number, (name, build) in enumerate(builders.items()):
             names[f"b{number}"] = build
             made = f"b{number}(data[{name!r}])"
-            if short := _UNCHANGED.get(without_alias(hints[name])):
+            some = [one for one in union_members(hints[name]) if one is not type(None)] or [without_alias(hints[name])]
+            if len(some) == 1 and (short := _UNCHANGED.get(some[0])):
                 made = f"{short.format(f'v{number}', name, _LEAST_WHOLE, _LARGEST_WHOLE)} else b{number}(v{number})"
             lines.append(f" if {name!r} in data: given[{name!r}] = {made}")
         exec("\n".join([*lines, " return kind(**given)"]), names)  # noqa: S102 - of our own fields
-        made_build: Callable[[Any], Any] = names["build"]
-        return made_build
+        build_one: Callable[[Any], Any] = names["build"]
+        return build_one
 
-    def build(data: Any) -> Any:
-        nonlocal compiled
-        compiled = compiled or compile_it()
-        return compiled(data)
+    def build_when_used(data: Any) -> Any:
+        return compiled()(data)
 
-    return build
+    return build_when_used
 
 
 def _field_builders(kind: Any) -> dict[str, Callable[[Any], Any]]:

@@ -5,7 +5,6 @@ GUI thread unless stated otherwise.
 
 from __future__ import annotations
 
-import itertools
 import logging
 import os
 import subprocess
@@ -20,6 +19,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.free_names import free_path
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker, new_timer
@@ -184,8 +184,8 @@ class LiveSessionLibrary(QObject):
 
         def usual_folder() -> Path:
             if chosen is None:
-                return _not_yet_there(usual)
-            return _not_yet_there(chosen / name) if _holds_something(chosen) else chosen
+                return free_path(usual)
+            return free_path(chosen / name) if _holds_something(chosen) else chosen
 
         self._slow_work.do(usual_folder, on_folder, self._notify)
 
@@ -309,12 +309,6 @@ def _holds_something(folder: Path) -> bool:
         return any(folder.iterdir())
     except OSError:
         return False  # the export reports why it is unusable
-
-
-def _not_yet_there(folder: Path) -> Path:
-    """The folder, with a number appended if it exists: exports are never overwritten."""
-    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
-    return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 
 
 def _search(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:

@@ -22,7 +22,7 @@ from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.logs import configure_child_logging
-from caris_desktop.recording.session_export import ExportError, sessions_in
+from caris_desktop.recording.session_export import ExportError, Progress, run_here, sessions_in
 from caris_desktop.recording.terminal import ProgressLine
 
 _log = logging.getLogger(__name__)
@@ -30,7 +30,6 @@ _CONNECT_S = 10.0
 _CLEAN_UP_S = 10.0
 
 R = TypeVar("R")
-Progress = Callable[[float, str], None]
 Job = Callable[[Path, Progress], R]
 """Work on one session folder, in any process. It reports a fraction 0..1 and what it does now. Its result is pickled.
 It cleans up if it is interrupted by SystemExit or KeyboardInterrupt.
@@ -96,8 +95,7 @@ def run_jobs(
         If the scheduler cannot or must not be used.
     """
     if not workers.scheduler and workers.at_a_time(len(folders)) == 1:
-        for number, folder in enumerate(folders):
-            yield folder, _guarded(job, folder, partial(_report, progress, number, len(folders)))
+        yield from run_here(partial(_guarded, job), folders, progress)
         return
     remaining, done, alone = list(folders), 0, False
     while remaining:
@@ -126,10 +124,6 @@ def run_jobs(
             lost.clear()
         remaining = [folder for folder in batch if folder in lost] + remaining[len(batch) :]
         alone = True
-
-
-def _report(progress: Progress, number: int, count: int, fraction: float, what: str) -> None:
-    progress((number + fraction) / count, what)
 
 
 def _ignore(_fraction: float, _what: str) -> None:

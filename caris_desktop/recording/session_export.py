@@ -19,13 +19,13 @@ from typing import Protocol, TypeVar
 import psutil
 
 from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.plugin_process import call_apart
 from caris_desktop.domain.plugins import Plugin, PluginError, find, installed, load
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
-from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.recovery import missing_words
 from caris_desktop.recording.session.session_header import SessionError, is_session, reading
 from caris_desktop.recording.session.session_reader import Session, open_session
@@ -52,7 +52,7 @@ class Runner(Protocol):
 
 def run_here(
     job: Callable[[Path, Progress], R], folders: Sequence[Path], progress: Progress
-) -> Generator[tuple[Path, R | Exception]]:
+) -> Generator[tuple[Path, R]]:
     """Runner in this process."""
     for number, folder in enumerate(folders):
         yield folder, job(folder, partial(_report, progress, number, len(folders)))

@@ -135,7 +135,11 @@ def read_bundle(path: Path) -> Bundle:
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, RuntimeError, EOFError, ValueError) as error:
         raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name)) from error
     _check_version(texts.pop(_ABOUT, ""), path)
-    parts = [_bundled(name, text) for name, text in texts.items()]
+    parts = [
+        BundledFile(cast(PartKind, kind), file_name.removesuffix(".yaml"), text)
+        for entry, text in texts.items()
+        for kind, file_name in [entry.split("/")]
+    ]
     scenarios = [part for part in parts if part.kind == "scenario"]
     if len(scenarios) != 1:
         raise BundleError(
@@ -274,11 +278,6 @@ def _check_version(about: str, path: Path) -> None:
                 name=path.name
             )
         )
-
-
-def _bundled(entry: str, text: str) -> BundledFile:
-    kind, _, file_name = entry.partition("/")
-    return BundledFile(cast(PartKind, kind), file_name.removesuffix(".yaml"), text)
 
 
 def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:

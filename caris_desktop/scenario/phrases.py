@@ -73,7 +73,7 @@ def phrase_groups(entries: Iterable[PhraseEntry]) -> tuple[PhraseKeys, ...]:
 
 
 def _grouped(entries: tuple[PhraseEntry, ...]) -> tuple[PhraseKeys, ...]:
-    loose = tuple(map(_as_phrase, (entry for entry in entries if not isinstance(entry, PhraseGroup))))
+    loose = tuple(_as_phrase(entry) for entry in entries if not isinstance(entry, PhraseGroup))
     groups = [
         PhraseKeys(entry.group, tuple(map(_as_phrase, entry.phrases)))
         for entry in entries

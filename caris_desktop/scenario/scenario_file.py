@@ -4,7 +4,7 @@ import functools
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,12 +28,8 @@ from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, SCENARIO_VERSIO
 # Versions and migrations of scenario files.
 
 
-def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 0 is a file without a version; nothing else differs."""
-    return data
-
-
-MIGRATIONS: Mapping[int, Migration] = {0: _number_the_version}
+# Version 0 is a file without a version; nothing else differs.
+MIGRATIONS: Mapping[int, Migration] = {0: lambda data: data}
 
 
 def migrate(
@@ -61,6 +57,8 @@ def migrate(
 
 
 MAX_FILE_BYTES = 256 * 1024
+LAYOUTS = ("layout", "layout_compact", "layout_large")
+"""Fields with the layouts of the panels."""
 _SCHEMA_ON_THIS_COMPUTER = re.compile(
     r"""^[ \t]*\#[ \t]*yaml-language-server:[^\n]*\$schema[ \t]*=[ \t"']*(?:file:|/|\\|~|[a-z]:[/\\])[^\n]*(?:\n|\Z)""",
     re.MULTILINE | re.IGNORECASE,
@@ -93,31 +91,24 @@ def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = l
     return replace(scenario, sha256=hashlib.sha256(raw).hexdigest())
 
 
-def save_scenario(scenario: Scenario, path: Path) -> Scenario:
+def save_scenario(scenario: Scenario, path: Path, *, only: Sequence[str] = ()) -> Scenario:
     """Write ``scenario`` to ``path`` atomically; return it as loaded from there.
 
     Text in the target, or else in the scenario's source file, is preserved including comments and order; only
-    differences are rewritten.
+    differences are rewritten. With ``only``, nothing but these fields of an existing file changes.
 
     Raises ScenarioError if the file cannot be written, has a mistake, or the scenario would not load again.
     """
-    return _save(scenario, path, _known(path))
-
-
-def save_places(scenario: Scenario, path: Path) -> Scenario:
-    """As :func:`save_scenario`, but changing only the places of an existing file."""
     known = _known(path)
-    return _save(scenario if known is None else replace(known[1], places=scenario.places), path, known)
-
-
-def save_layout(scenario: Scenario, path: Path) -> Scenario:
-    """As :func:`save_places`, for the panel layouts."""
-    known = _known(path)
-    if known is None:
-        return _save(scenario, path, known)
-    compact, large = scenario.layout_compact, scenario.layout_large
-    changed = replace(known[1], layout=scenario.layout, layout_compact=compact, layout_large=large)
-    return _save(changed, path, known)
+    if known is not None and only:
+        scenario = replace(known[1], **{name: getattr(scenario, name) for name in only})
+    data = scenario_data(scenario)
+    wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
+    if wrong is not None:
+        raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
+    text, saved = _new_file(scenario, data, path) if known is None else changed_text(*known, data, path)
+    _write_or_report(path, text)
+    return saved
 
 
 def save_text(
@@ -160,16 +151,6 @@ def _known(path: Path) -> tuple[str, Scenario] | None:
         return None
     text = _decoded(_read(path), path)
     return text, parse_scenario(text, path=path.resolve())
-
-
-def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) -> Scenario:
-    data = scenario_data(scenario)
-    wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
-    if wrong is not None:
-        raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
-    text, saved = _new_file(scenario, data, path) if known is None else changed_text(*known, data, path)
-    _write_or_report(path, text)
-    return saved
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -253,7 +234,7 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
         named.append((("assistant", "models", index), "language_models", model))
     for index, camera in enumerate(data.get("cameras", ())):
         named.append((("cameras", index, "source"), "cameras", camera.get("source", "")))
-    for key in ("layout", "layout_compact", "layout_large"):
+    for key in LAYOUTS:
         for path, _form, value in leaves(LayoutNode, data.get(key) or {}, (key,)):
             if str(value).startswith("plugin:"):
                 named.append((path, "panels", value))
@@ -354,10 +335,10 @@ def _meaning_problems(
         if name in seen_places:
             yield ("places", index), tr("duplicate place '{name}'.").format(name=place["name"])
         seen_places.add(name)
-    for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
+    phrases: tuple[PhraseEntry, ...] = value_from(tuple[PhraseEntry, ...], data.get("phrases", []))
+    for path, problem in phrase_problems(phrases):
         yield ("phrases", *path), problem
-    phrases = phrase_groups(value_from(tuple[PhraseEntry, ...], data.get("phrases", [])))
-    keys = [phrase.key for group in phrases for phrase in group.phrases]
+    keys = [phrase.key for group in phrase_groups(phrases) for phrase in group.phrases]
     for path, problem in gesture_problems(value_from(tuple[Gesture, ...], data.get("gestures", [])), keys):
         yield ("gestures", *path), problem
     protocol = value_from(ProtocolSettings, data.get("protocol", {}))
@@ -366,7 +347,7 @@ def _meaning_problems(
     robot = data.get("robot", DEFAULT_ROBOT)
     for index, problem in control_problems(data.get("controls", []), lambda: velocity_topic_of(robot)):
         yield ("controls", index), problem
-    for key in ("layout", "layout_compact", "layout_large"):
+    for key in LAYOUTS:
         if data.get(key) is not None:
             yield from layout_problems(data[key], (key,), set())
 

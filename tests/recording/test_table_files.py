@@ -1,5 +1,6 @@
 """Tables that are derived once, beside the session or in the user's cache."""
 
+import gc
 import json
 import os
 import shutil
@@ -9,14 +10,18 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.recording import table_files
 from caris_desktop.recording.pseudonyms import pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.manifest import DERIVED_FOLDER, verify_manifest, write_manifest
 from caris_desktop.recording.session.recovery import repair_session
+from caris_desktop.recording.session.robot_clock_mapping import RobotClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import export_session
 from caris_desktop.recording.table_files import copy_tables
+from caris_desktop.recording.tables.catalog import RowTimes
 from tests.recording.minute import everything, make_session
 
 
@@ -65,6 +70,20 @@ def test_a_session_is_read_once(tmp_path: Path, passes: list[str]) -> None:
     assert set(some) == {"odometry.parquet", "utterances.parquet", "data_dictionary.parquet"}
     assert all(some[name] == first[name] for name in some)
     assert passes == ["s"]
+
+
+def test_times_are_rounded_to_the_microsecond_as_python_rounds() -> None:
+    times = RowTimes(SessionClock(ClockAnchor(0, 0), 7), RobotClock(()))
+    ns = [0, 1, 499, 500, 501, 1500, 2500, 999_999_500, 3_600_000_000_499, 86_400_000_000_500, 8 * 10**15 + 1]
+    stamps_ns = [7 + sign * each for each in ns for sign in (1, -1)]
+    assert list(map(repr, times.session_s(stamps_ns))) == [repr(round((at - 7) / 1e9, 6)) for at in stamps_ns]
+    assert times.session_s([None]) == [None]
+
+
+def test_garbage_is_collected_afterwards_as_before(tmp_path: Path) -> None:
+    before = gc.get_threshold()
+    copied(make(tmp_path / "s"), tmp_path / "1")
+    assert gc.get_threshold() == before
 
 
 def test_some_tables_are_made_without_the_others(tmp_path: Path) -> None:

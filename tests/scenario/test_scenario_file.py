@@ -29,7 +29,6 @@ from caris_desktop.scenario.scenario_file import (
     ScenarioError,
     load_scenario,
     parse_scenario,
-    save_places,
     save_scenario,
     scenario_text,
     schema_path,
@@ -472,7 +471,7 @@ def test_saving_places_leaves_every_other_line_as_it_was(tmp_path: Path) -> None
     kept = [place for place in scenario.places if place.name in needed]
     assert kept and len(kept) < len(scenario.places)
     places = (*kept, Place("It's: here", Pose2D(1.25, -2.0, math.pi / 2)))
-    saved = save_places(dataclasses.replace(scenario, places=places), path)
+    saved = save_scenario(dataclasses.replace(scenario, places=places), path, only=["places"])
     assert saved.places[-1].name == "It's: here"
     assert saved.places[-1].pose_in_map.heading_rad == pytest.approx(math.pi / 2)
     assert dataclasses.replace(saved, places=(), sha256="") == dataclasses.replace(scenario, places=(), sha256="")
@@ -496,13 +495,13 @@ def test_places_are_saved_in_a_file_of_any_style(tmp_path: Path, text: str) -> N
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)
     for places in ((Place("Kitchen", Pose2D(1.0, 2.0, 0.0)),), ()):
-        assert save_places(dataclasses.replace(scenario, places=places), path).places == places
+        assert save_scenario(dataclasses.replace(scenario, places=places), path, only=["places"]).places == places
     assert ("#" in path.read_text(encoding="utf-8")) == ("#" in text)
 
 
 def test_a_shipped_scenario_without_a_copy_is_written_completely(tmp_path: Path) -> None:
     scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
-    saved = save_places(scenario, tmp_path / "tour-guide.yaml")
+    saved = save_scenario(scenario, tmp_path / "tour-guide.yaml", only=["places"])
     assert saved.places == scenario.places
     assert saved.layout == scenario.layout
 

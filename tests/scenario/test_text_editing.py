@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import math
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,11 +14,10 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.yaml_files import parse_yaml
 from caris_desktop.scenario.scenario_file import (
+    LAYOUTS,
     OtherFileError,
     ScenarioError,
     load_scenario,
-    save_layout,
-    save_places,
     save_scenario,
     save_text,
     schema_path,
@@ -26,6 +26,7 @@ from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Place, 
 from caris_desktop.scenario.text_editing import edited, with_entry_moved
 from tests.support.examples import examples
 
+save_places, save_layout = (partial(save_scenario, only=names) for names in (("places",), LAYOUTS))
 WRITTEN = """\
 # Written by Anna for the second study.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.certificates import fingerprint_bytes
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
@@ -160,9 +161,7 @@ def with_distinct_names(cameras: Iterable[ChosenCamera]) -> tuple[ChosenCamera, 
     taken: set[str] = set()
     distinct = []
     for camera in cameras:
-        name, number = camera.name, 2
-        while name in taken and camera.kind != "robot":
-            name, number = f"{camera.name}-{number}", number + 1
+        name = camera.name if camera.kind == "robot" else free_name(camera.name, "", taken.__contains__)
         taken.add(name)
         distinct.append(replace(camera, name=name))
     return tuple(distinct)

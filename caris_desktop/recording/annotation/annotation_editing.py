@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
@@ -19,7 +20,6 @@ from caris_desktop.recording.annotation.annotation_model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.session.media_files import free_name
 
 MOMENT_MS = 200
 """ELAN has stretches only: so long is what has no length."""

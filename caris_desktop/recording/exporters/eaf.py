@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import quote
 from xml.etree import ElementTree
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.domain.value_class import Value
@@ -27,7 +28,7 @@ from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.timeline_builder import sound_runs
 from caris_desktop.recording.anonymising.pseudonymous_copy import copy_file
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.media_files import WavReader, free_name, moments_words, wav_header
+from caris_desktop.recording.session.media_files import WavReader, moments_words, wav_header
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.media_checks import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.value_class import Value
@@ -17,7 +18,6 @@ from caris_desktop.recording.exporters.dialogue import TURNS_BEFORE, write_dialo
 from caris_desktop.recording.exporters.exported_pictures import Pace, camera_file_name, picture_of
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.robot_clock_mapping import clock_summary
 from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session

@@ -20,6 +20,7 @@ from typing import Any, Literal
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
 from caris_desktop.domain.foxglove import BASE, MAP, optical_frame
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.media_checks import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
@@ -41,7 +42,6 @@ from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, p
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
-from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, clock_summary, robot_clock
 from caris_desktop.recording.session.session_protocol import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session

@@ -5,10 +5,8 @@ database comes last, so that until then the same command can resume.
 """
 
 import contextlib
-import itertools
 import json
 import logging
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field, replace
@@ -19,6 +17,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.free_names import free_path
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting import media, text_erasure
@@ -667,7 +666,7 @@ class _Forgetting:
             if new == path.name:
                 continue
             if self._texts.note_name(self._journal.name_of(path), path.name) == "redact":
-                path.rename(_free_path(path.with_name(new)))
+                path.rename(free_path(renamed := path.with_name(new), renamed.suffix))
 
     def _relink(self, links: Iterable[Path]) -> None:
         """Redact the targets of links to files that were renamed or are missing."""
@@ -901,12 +900,6 @@ def _receipts_in(path: Path) -> list[Any]:
                 file["removed"] = not file.pop("after")
                 file.pop("before", None)
     return receipts
-
-
-def _free_path(path: Path) -> Path:
-    """``path``, numbered if something has its name."""
-    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
-    return next(free for free in itertools.chain([path], numbered) if not os.path.lexists(free))
 
 
 def _remove_empty(folder: Path) -> None:

@@ -19,6 +19,7 @@ from caris_desktop.domain import clock, events
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import ANSWER, Problem, Severity
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import FrameRef, People
@@ -40,7 +41,6 @@ from caris_desktop.recording.recorder.recorder_messages import (
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
 from caris_desktop.recording.recorder.video_writer import Encoders
-from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.session_header import SessionClock
 
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"

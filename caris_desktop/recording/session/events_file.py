@@ -209,8 +209,8 @@ def is_ours(path: Path) -> bool:
         return file.read(len(_BEGINNING)) == _BEGINNING
 
 
-def messages_of(content: bytes) -> Iterator[Message]:
-    """Messages of a decompressed chunk."""
+def messages_of(content: bytes, channels: Collection[int] | None = None) -> Iterator[Message]:
+    """Messages of a decompressed chunk that are in these channels (default: all)."""
     at, end = 0, len(content)
     while at + HEAD.size <= end:
         opcode, length = HEAD.unpack_from(content, at)
@@ -220,7 +220,8 @@ def messages_of(content: bytes) -> Iterator[Message]:
             return
         if opcode == MESSAGE and length >= MESSAGE_BODY.size:
             channel, sequence, log_ns, publish_ns = MESSAGE_BODY.unpack_from(content, body)
-            yield Message(channel, sequence, log_ns, publish_ns, body + MESSAGE_BODY.size, at)
+            if channels is None or channel in channels:
+                yield Message(channel, sequence, log_ns, publish_ns, body + MESSAGE_BODY.size, at)
 
 
 def channels_in(content: bytes) -> Iterator[int]:
@@ -255,9 +256,8 @@ def intact_blocks(file: IO[bytes], index: BlockIndex, channels: Collection[int] 
 def read_messages(file: IO[bytes], index: BlockIndex, channels: Collection[int]) -> Iterator[tuple[Message, bytes]]:
     """Messages of these channels with their data, in recording order, as far as they are intact. Raises OSError."""
     for content in intact_blocks(file, index, channels):
-        for message in messages_of(content):
-            if message.channel in channels:
-                yield message, content[message.start : message.end]
+        for message in messages_of(content, channels):
+            yield message, content[message.start : message.end]
 
 
 def compression_of(chunk: bytes) -> tuple[str, int]:

@@ -6,7 +6,7 @@ import os
 import re
 import struct
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -50,14 +51,6 @@ def in_file_names(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
 
 
-def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool], *, number_as: str = "-{}") -> str:
-    """``STEMSUFFIX``, or numbered from 2 if that is taken."""
-    name, number = f"{stem}{suffix}", 2
-    while is_taken(name):
-        name, number = f"{stem}{number_as.format(number)}{suffix}", number + 1
-    return name
-
-
 # Headers of WAV files with 16-bit samples, also of those that grow or were never completed.
 
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
@@ -66,13 +59,19 @@ _READ_SAMPLES = 1 << 20
 
 
 class WavLayout(Value):
-    """Format of a WAV file, and where its samples begin. ``data_bytes`` is what the header says of their length."""
+    """Format of a WAV file, and where its samples begin. ``data_bytes`` is what the header says of their length;
+    ``samples`` counts those of one channel.
+    """
 
     channels: int
     sample_rate_hz: int
     frame_bytes: int
     offset_bytes: int
     data_bytes: int
+
+    @property
+    def samples(self) -> int:
+        return self.data_bytes // self.frame_bytes
 
 
 def wav_layout(file: IO[bytes]) -> WavLayout:
@@ -288,21 +287,8 @@ class VideoContent(Value):
     height_px: int
 
 
-class SoundContent(Value):
-    """Audio in a WAV file. ``samples`` counts those of one channel."""
-
-    sample_rate_hz: int
-    channels: int
-    samples: int
-    repaired: bool
-
-    @property
-    def duration_s(self) -> float:
-        return self.samples / max(1, self.sample_rate_hz)
-
-
-def repair_wav(path: Path) -> SoundContent:
-    """Correct the length in a WAV header.
+def repair_wav(path: Path) -> tuple[WavLayout, bool]:
+    """Correct the length in a WAV header; return what it says then, and whether that is new.
 
     Raises OSError if the file cannot be read or written. Raises ValueError if it is no WAV that can be understood.
     """
@@ -313,15 +299,14 @@ def repair_wav(path: Path) -> SoundContent:
         riff_length = min(wav.offset_bytes - 8 + true_length, _LARGEST_WAV)
         true_length = min(true_length, riff_length - wav.offset_bytes + 8)
         file.seek(4)
-        content = SoundContent(wav.sample_rate_hz, wav.channels, true_length // wav.frame_bytes, repaired=False)
         if wav.data_bytes == true_length and int.from_bytes(file.read(4), "little") == riff_length:
-            return content
+            return wav, False
         for at, length in ((4, riff_length), (wav.offset_bytes - 4, true_length)):
             file.seek(at)
             file.write(length.to_bytes(4, "little"))
         file.flush()
         os.fsync(file.fileno())
-        return replace(content, repaired=True)
+        return replace(wav, data_bytes=true_length), True
 
 
 def whole_bytes(path: Path) -> int:

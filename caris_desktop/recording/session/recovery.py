@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
 from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
+from caris_desktop.domain.free_names import free_path
 from caris_desktop.domain.json_encoding import TRANSFORMS_TOPIC, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
@@ -35,7 +36,6 @@ from caris_desktop.recording.session.manifest import MANIFEST_NAME, forget_count
 from caris_desktop.recording.session.media_files import (
     camera_of_video,
     content_of,
-    free_name,
     index_path,
     read_frame_times,
 )
@@ -469,15 +469,15 @@ class _Repair:
             if not inside(self._folder, path.name):
                 continue
             try:
-                sound = media_files.repair_wav(path)
+                sound, repaired = media_files.repair_wav(path)
             except ValueError as error:
                 self._say(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
                 continue
-            if sound.repaired:
+            rate_hz = sound.sample_rate_hz
+            if repaired:
                 message = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
-                self._say(message, file=path.name, seconds=f"{sound.duration_s:.1f}")
+                self._say(message, file=path.name, seconds=f"{sound.samples / rate_hz:.1f}")
             first = self._record.sounds.get(path.name)
-            rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
             first_ns = self._clock.started_ns
             if first is not None:
@@ -531,7 +531,7 @@ class _Repair:
         copy = self._folder / KEPT_FOLDER / f"{path.name}.tail"
         copy.parent.mkdir(exist_ok=True)
         if not (copy.exists() and copy.read_bytes() == tail):
-            replace_file(_unused(copy), tail, durable=True)
+            replace_file(free_path(copy), tail, durable=True)
         with path.open("rb+") as file:
             file.truncate(complete)
             os.fsync(file.fileno())
@@ -555,7 +555,7 @@ class _Repair:
         """Move half-written files aside without deleting them."""
         for path in sorted(self._folder.rglob(".*.part")):
             if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
-                target = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
+                target = free_path(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
                 target.parent.mkdir(exist_ok=True)
                 path.replace(target)
                 message = QT_TR_NOOP("A half-written file was moved to {place}.")
@@ -583,7 +583,7 @@ class _Repair:
         for backup in backup_folder.glob(f"{path.name}.original*"):
             if backup.samefile(path):
                 return  # an earlier attempt came this far
-        backup = _unused(backup_folder / f"{path.name}.original")
+        backup = free_path(backup_folder / f"{path.name}.original")
         try:
             os.link(path, backup)
         except OSError:
@@ -591,7 +591,3 @@ class _Repair:
             with path.open("rb") as file:
                 replace_file(backup, iter(lambda: file.read(_COPIED_BYTES), b""), durable=True)
         bring_to_disk(backup_folder)
-
-
-def _unused(path: Path) -> Path:
-    return path.with_name(free_name(path.name, "", lambda name: path.with_name(name).exists()))

@@ -6,8 +6,10 @@ estimate are known, so that a line through them removes noise; the measured boun
 
 import itertools
 import math
+import statistics
 from bisect import bisect_right
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ _LEAST_UNCERTAINTY_NS = 1_000.0
 _NEVER_MS = 2**63 / 1e6
 
 
-class Measured(Value):
+class Measured(NamedTuple):
     """Moment in session time, true within ``uncertainty_ns``."""
 
     stamp_ns: int
@@ -234,7 +236,7 @@ def _lines(
         value, rate = _line(away_s, offset_ns[window], weight)
         # Once more without outliers relative to their uncertainty.
         strange = np.abs(offset_ns[window] - value - rate * away_s) / bound_ns[window]
-        weight = np.where(strange > max(1.0, 3.0 * float(np.median(strange))), 0.0, weight)
+        weight = np.where(strange > max(1.0, 3.0 * statistics.median(strange.tolist())), 0.0, weight)
         if np.count_nonzero(weight) >= 3:
             value, rate = _line(away_s, offset_ns[window], weight)
         values[index] = value

@@ -95,8 +95,10 @@ def spoken_utterances(
         if isinstance(event, UtteranceCorrected):
             corrections.take(event)
             continue
-        known = utterances.get(event.utterance_id)
-        utterances[event.utterance_id] = _with(known or _unknown(event), event)
+        known = utterances.get(event.utterance_id) or SpokenUtterance(
+            event.utterance_id, event.speaker, event.text, event.origin, None, None, None, "requested", event.voice
+        )
+        utterances[event.utterance_id] = _with(known, event)
     corrected = (_corrected(utterance, corrections.of(utterance.utterance_id)) for utterance in utterances.values())
     ordered = sorted(corrected, key=_begins_ns)
     breaks_ns = sorted([*paused_ns, ended_ns])
@@ -127,12 +129,6 @@ def _attributed(utterance: SpokenUtterance, visits: Sequence[Visit]) -> SpokenUt
         return utterance
     return replace(
         utterance, person_id=person_id, person_by="record", person_confidence=round(min(1.0, share) * _ALONE, 3)
-    )
-
-
-def _unknown(event: UtteranceChanged) -> SpokenUtterance:
-    return SpokenUtterance(
-        event.utterance_id, event.speaker, event.text, event.origin, None, None, None, "requested", event.voice
     )
 
 
@@ -193,10 +189,8 @@ def _corrected(utterance: SpokenUtterance, made: Correction) -> SpokenUtterance:
 
 
 def _begins_ns(utterance: SpokenUtterance) -> int:
-    for stamp_ns in (utterance.start_ns, utterance.requested_ns, utterance.end_ns):
-        if stamp_ns is not None:
-            return stamp_ns
-    return 0
+    moments_ns = (utterance.start_ns, utterance.requested_ns, utterance.end_ns, 0)
+    return next(stamp_ns for stamp_ns in moments_ns if stamp_ns is not None)
 
 
 def _ended(utterance: SpokenUtterance, starts_ns: list[int], breaks_ns: list[int]) -> SpokenUtterance:
@@ -443,8 +437,6 @@ def responses_of(
         )  # fmt: skip
         event = by_reply.get((turn.utterance_id, reply.utterance_id))
         if event is not None:
-            response = replace(
-                response, means=event.means, text_ns=event.text_ns, suggested_ns=event.suggested_ns
-            )  # fmt: skip
+            response = replace(response, means=event.means, text_ns=event.text_ns, suggested_ns=event.suggested_ns)
         found.append(response)
     return tuple(found)

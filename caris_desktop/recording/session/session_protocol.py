@@ -151,16 +151,12 @@ def preflight_of(events: Iterable[PreflightChecked]) -> Preflight:
 
 def open_words(preflight: Preflight) -> list[str]:
     """Each open check with its state: ``Emergency stop is released (major; the wizard started anyway)``."""
-    return [_open_words(check, later=check.check_id in preflight.ticked_later) for check in preflight.still_open]
-
-
-def _open_words(check: PreflightChecked, *, later: bool) -> str:
-    how: str = check.state
-    if check.accepted:
-        how += "; the wizard started anyway"
-    if later:
-        how += "; ticked later"
-    return f"{check.title} ({how})"
+    words = []
+    for check in preflight.still_open:
+        accepted = "; the wizard started anyway" if check.accepted else ""
+        later = "; ticked later" if check.check_id in preflight.ticked_later else ""
+        words.append(f"{check.title} ({check.state}{accepted}{later})")
+    return words
 
 
 ProtocolEvent = ScenarioOpened | ProtocolOpened | StepEntered | StepTicked | ProtocolEnded

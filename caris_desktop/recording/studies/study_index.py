@@ -162,7 +162,7 @@ class StudyIndex:
 
         def rebuild_all() -> None:
             with self._database:
-                self._forget(self._database.execute("SELECT id FROM session").fetchall())
+                self._forget(None)
             self._update(progress)
 
         self._whole(rebuild_all)
@@ -248,26 +248,26 @@ class StudyIndex:
         ]
         with self._database:
             for name in removed:
-                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
+                self._forget(name)
         for number, name in enumerate(changed, start=1):
             content = _read(folders[name])
             with self._database:
                 # Another process may update the same index.
                 self._database.execute("BEGIN IMMEDIATE")
-                self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
+                self._forget(name)
                 self._add(name, signatures[name], content)
             progress(number / len(changed))
         progress(1.0)
 
-    def _forget(self, rows: Sequence[tuple[int]]) -> None:
-        for (row,) in rows:
-            self._database.execute(
-                "INSERT INTO item_text (item_text, rowid, text)"
-                " SELECT 'delete', id, text FROM item WHERE session_id = ?",
-                (row,),
-            )
-            self._database.execute("DELETE FROM item WHERE session_id = ?", (row,))
-            self._database.execute("DELETE FROM session WHERE id = ?", (row,))
+    def _forget(self, name: str | None) -> None:
+        """Remove a session, or all of them without a name."""
+        of_session = "session_id IN (SELECT id FROM session WHERE name = coalesce(?, name))"
+        for statement in (
+            f"INSERT INTO item_text (item_text, rowid, text) SELECT 'delete', id, text FROM item WHERE {of_session}",  # noqa: S608 - no values in it
+            f"DELETE FROM item WHERE {of_session}",  # noqa: S608 - likewise
+            "DELETE FROM session WHERE name = coalesce(?, name)",
+        ):
+            self._database.execute(statement, (name,))
 
     def _add(self, name: str, signature: str, content: "_Content") -> None:
         entry = content.entry
@@ -301,38 +301,30 @@ class StudyIndex:
         except sqlite3.Error as error:
             _log.warning("%s: %s", self._path, error)
             self._database.close()
-            self._database = self._recreate(error) if _is_damage(error) else self._in_memory(str(error))
+            self._database = self._replacement(error)
             self._update(_no_progress)
             return act()
 
     def _open(self) -> sqlite3.Connection:
-        database: sqlite3.Connection | None = None
         try:
-            database = _connected(str(self._path))
-            foreign = _prepare(database)
+            return _opened(str(self._path))
         except sqlite3.Error as error:
-            if database is not None:
-                database.close()
-            return self._recreate(error) if _is_damage(error) else self._in_memory(str(error))
-        if foreign:
-            database.close()
+            return self._replacement(error)
+        except _ForeignDatabaseError:
             return self._in_memory(QT_TR_NOOP("it is not a session index"))
-        return database
 
-    def _recreate(self, damage: sqlite3.Error) -> sqlite3.Connection:
-        """Empty index in place of a damaged one."""
-        _log.warning("%s is made anew: %s", self._path, damage)
-        database: sqlite3.Connection | None = None
+    def _replacement(self, error: sqlite3.Error) -> sqlite3.Connection:
+        """Empty index in place of a damaged one, in memory if the file cannot be used."""
+        if not _is_damage(error):
+            return self._in_memory(str(error))
+        _log.warning("%s is made anew: %s", self._path, error)
         try:
             self._path.replace(self._path.with_name(f"{self._path.name}.damaged"))
             for suffix in ("-wal", "-shm"):
                 self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
-            database = _connected(str(self._path))
-            _prepare(database)
-        except (OSError, sqlite3.Error) as error:
-            if database is not None:
-                database.close()
-            return self._in_memory(str(error))
+            database = _opened(str(self._path))
+        except (OSError, sqlite3.Error) as failure:
+            return self._in_memory(str(failure))
         self.message = QT_TR_NOOP("The session index was damaged and has been rebuilt from the session folders.")
         return database
 
@@ -343,9 +335,7 @@ class StudyIndex:
             "are read again each time. Choose a writable study folder."
         )
         self.message = localized(message, file=self._path, why=reason)
-        database = _connected(":memory:")
-        _prepare(database)
-        return database
+        return _opened(":memory:")
 
 
 class _Item(Value):
@@ -358,40 +348,49 @@ class _Item(Value):
     quoted: int = 0
 
 
-def _connected(path: str) -> sqlite3.Connection:
+class _ForeignDatabaseError(Exception):
+    """Database of another program."""
+
+
+def _opened(path: str) -> sqlite3.Connection:
+    """Database with the tables of the index. Raises sqlite3.Error, _ForeignDatabaseError."""
     if path != ":memory:" and not Path(path).exists():
         with contextlib.suppress(OSError):
             Path(path).touch()  # SQLite's own would never be writable by the group of a shared study
     database = sqlite3.connect(path, timeout=_BUSY_MS / 1000, check_same_thread=False)
-    database.create_function("fits", 2, _fits, deterministic=True)
+    try:
+        database.create_function("fits", 2, _fits, deterministic=True)
+        _prepare(database)
+    except BaseException:
+        database.close()
+        raise
     return database
 
 
-def _prepare(database: sqlite3.Connection) -> bool:
-    """Create missing tables. True: the database belongs to another program."""
+def _prepare(database: sqlite3.Connection) -> None:
+    """Create missing tables."""
     (application,) = database.execute("PRAGMA application_id").fetchone()
     (version,) = database.execute("PRAGMA user_version").fetchone()
     (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if tables and application != _APPLICATION_ID:
-        return True
+        raise _ForeignDatabaseError
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("PRAGMA synchronous = NORMAL")
     if tables and version == _SCHEMA_VERSION:
         # Test write, since opening a database on a read-only disk succeeds.
         database.execute(f"PRAGMA user_version = {_SCHEMA_VERSION}")
-        return False
+        return
     with database:
         database.execute("BEGIN IMMEDIATE")
         if database.execute("PRAGMA user_version").fetchone() == (_SCHEMA_VERSION,):
             # Another process created them in the meantime.
-            return False
+            return
         for table in ("item_text", "item", "session"):
             database.execute(f"DROP TABLE IF EXISTS {table}")
         for statement in _SCHEMA.split(";\n"):
             database.execute(statement)
         database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         database.execute(f"PRAGMA user_version = {_SCHEMA_VERSION}")
-    return False
 
 
 def _is_damage(error: sqlite3.Error) -> bool:
@@ -408,17 +407,10 @@ def content_signature(folder: Path) -> str:
     """Signature that changes with the session's files or annotations."""
     # Called for every session of a study, hence without a Path for each file.
     names = ["session.json", "events.mcap"]
-    try:
-        with os.scandir(folder) as entries:
-            names += sorted(entry.name for entry in entries if entry.name.endswith(_MEDIA))
-    except OSError:
-        pass  # as below
-    try:
-        with os.scandir(folder / "annotations") as entries:
-            names += sorted(f"annotations/{entry.name}" for entry in entries if entry.name.endswith(".json"))
-    except OSError:
+    for inside, endings in (("", _MEDIA), ("annotations/", (".json",))):
         # No annotations; unreadable ones have no signature until they are readable.
-        pass
+        with contextlib.suppress(OSError), os.scandir(f"{folder}/{inside}") as entries:
+            names += sorted(f"{inside}{entry.name}" for entry in entries if entry.name.endswith(endings))
     ages_and_sizes = "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
     # Annotation files are named after coders, whose names must not leak.
     return hashlib.sha256(ages_and_sizes.encode("utf-8", "surrogateescape")).hexdigest()

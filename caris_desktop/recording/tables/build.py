@@ -1,5 +1,6 @@
 """Tables of a session, in batches of rows from one pass over the recording, with their columns as Arrow arrays."""
 
+import contextlib
 import dataclasses
 import functools
 import logging
@@ -35,43 +36,39 @@ def array(table: str, column: Column, values: list[Any]) -> Any:
     import pyarrow as pa
 
     kind = arrow_type(column.kind)
+    if column.kind == "text":
+        with contextlib.suppress(*_not_fitting()):
+            return pa.array(values, kind)
     if ready := _READY.get(column.kind):
         values = [None if value is None else ready(value) for value in values]
     try:
         return pa.array(values, kind)
-    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+    except _not_fitting():
         fitting = [_fitting(value, kind) for value in values]
         left_out = sum(one is None for one in fitting) - sum(one is None for one in values)
         _log.warning("%s: %d values are left out: no %s", table, left_out, kind)
         return pa.array(fitting, kind)
 
 
+@functools.cache
 def arrow_type(kind: Kind) -> Any:
     import pyarrow as pa
 
-    match kind:
-        case "integer":
-            return pa.int64()
-        case "number":
-            return pa.float64()
-        case "true or false":
-            return pa.bool_()
-        case "utc":
-            return pa.timestamp("us", tz="UTC")
-        case "integers":
-            return pa.list_(pa.int64())
-        case "numbers":
-            return pa.list_(pa.float32())
-        case "texts":
-            return pa.list_(pa.string())
-        case "points":
-            return pa.list_(pa.list_(pa.float32()))
-        case "cells":
-            return pa.list_(pa.int8())
-        case "depths":
-            return pa.list_(pa.uint16())
-        case "text" | "json":
-            return pa.string()
+    types: dict[Kind, Any] = {
+        "integer": pa.int64(),
+        "number": pa.float64(),
+        "text": pa.string(),
+        "true or false": pa.bool_(),
+        "json": pa.string(),
+        "utc": pa.timestamp("us", tz="UTC"),
+        "integers": pa.list_(pa.int64()),
+        "numbers": pa.list_(pa.float32()),
+        "texts": pa.list_(pa.string()),
+        "points": pa.list_(pa.list_(pa.float32())),
+        "cells": pa.list_(pa.int8()),
+        "depths": pa.list_(pa.uint16()),
+    }
+    return types[kind]
 
 
 _READY: dict[Kind, Callable[[Any], Any]] = {
@@ -92,18 +89,24 @@ def _fitting(value: Any, kind: Any) -> Any:
 
     try:
         pa.scalar(value, kind)
-    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+    except _not_fitting():
         return None
     return value
+
+
+def _not_fitting() -> tuple[type[Exception], ...]:
+    import pyarrow as pa
+
+    return pa.ArrowException, OverflowError, TypeError, ValueError
 
 
 # Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _PROGRESS_EVERY_VALUES = 500
 _BATCH_ROWS = 5_000
-# Rows wait for the robot's clock, which the end of the recording determines: some 150 MB, or 20 minutes. In a longer
+# Values wait for the robot's clock, which the end of the recording determines: some 150 MB, or 20 minutes. In a longer
 # recording the clock is read ahead, in a pass of its own.
-_ROWS_AT_ONCE, _BYTES_AT_ONCE = 100_000, 64 * 1024 * 1024
+_VALUES_AT_ONCE, _BYTES_AT_ONCE = 70_000, 64 * 1024 * 1024
 _SQL_TYPES = {"integer": "BIGINT", "number": "DOUBLE", "true or false": "BOOLEAN"}
 _ARRAYS = ("cells", "depths", "points", "numbers")
 DERIVED_TABLES = (SESSION_TABLE, *(one.table for one in DERIVED), ANNOTATIONS.table)
@@ -117,28 +120,35 @@ class Batch(NamedTuple):
 
 
 class _Waiting:
-    """Rows of a table that are not yet in a batch."""
+    """Values of a stream whose rows are not yet in a batch. ``begun`` are the tables that have a row."""
 
-    def __init__(self, table: Table) -> None:
-        self._table = table
-        self._has_arrays = any(column.kind in _ARRAYS for column in table.own_columns)
+    def __init__(self, tables: Sequence[Table]) -> None:
+        self._tables = tables
+        self._has_arrays = any(column.kind in _ARRAYS for table in tables for column in table.own_columns)
+        self.begun: list[Table] = []
         self.clear()
 
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def add(self, moment: Moment, item: Any) -> None:
-        self._rows.append((moment, item))
-        if self._has_arrays and dataclasses.is_dataclass(item):
-            arrays = (getattr(item, field.name) for field in dataclasses.fields(item))
+    def add(self, moment: Moment, value: Any) -> Iterable[Table]:
+        """Add a value; return the tables of which it makes the first row."""
+        if self._tables:
+            self.values.append((moment, value))
+        if self._has_arrays:
+            arrays = (getattr(value, field.name) for field in dataclasses.fields(value))
             self.bytes += sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+        if len(self.begun) == len(self._tables):
+            return ()
+        new = [table for table in self._tables if table not in self.begun and any(True for _ in table.items(value))]
+        self.begun += new
+        return new
 
     def batches(self, times: RowTimes) -> Iterator[Batch]:
-        for start in range(0, len(self._rows), _BATCH_ROWS):
-            yield Batch(self._table, self._table.cells(self._rows[start : start + _BATCH_ROWS], times))
+        for table in self.begun:
+            rows = [(moment, item) for moment, value in self.values for item in table.items(value)]
+            for start in range(0, len(rows), _BATCH_ROWS):
+                yield Batch(table, table.cells(rows[start : start + _BATCH_ROWS], times))
 
     def clear(self) -> None:
-        self._rows: list[tuple[Moment, Any]] = []
+        self.values: list[tuple[Moment, Any]] = []
         self.bytes = 0
 
 
@@ -155,10 +165,10 @@ def session_batches(
     """
     data, folded = SessionData(session), frozenset(FOLDED)
     waiting: dict[str, _Waiting] = {}
-    tables: dict[str, tuple[Table, ...]] = {}
     qualities: list[LinkQuality] = []
     times: RowTimes | None = None
-    whole_ns = max(1, session.ended_ns - session.started_ns)
+    started_ns = session.started_ns
+    whole_ns = max(1, session.ended_ns - started_ns)
     needed = [
         spec.name
         for spec in STREAMS
@@ -169,22 +179,17 @@ def session_batches(
             data.add(value)
         if type(value) is LinkQuality:
             qualities.append(value)
-        if not _has_stamp(value, session):
+        if not _is_usable(value.stamp_ns, started_ns):
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
-        if spec.name not in tables:
-            tables[spec.name] = tuple(table for table in tables_of(spec) if not only or table.name in only)
-        moment = Moment(value.stamp_ns, arrival_ns)
-        for table in tables[spec.name]:
-            for item in table.items(value):
-                if table.name not in waiting:
-                    waiting[table.name] = _Waiting(table)
-                    yield Batch(table, [[] for _ in table.columns])
-                waiting[table.name].add(moment, item)
+        if spec.name not in waiting:
+            waiting[spec.name] = _Waiting([table for table in tables_of(spec) if not only or table.name in only])
+        for table in waiting[spec.name].add(Moment(value.stamp_ns, arrival_ns), value):
+            yield Batch(table, [[] for _ in table.columns])
         if number % _PROGRESS_EVERY_VALUES == 0:
-            progress(min(0.99, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
+            progress(min(0.99, max(0.0, (value.stamp_ns - started_ns) / whole_ns)))
             if (
-                sum(map(len, waiting.values())) >= _ROWS_AT_ONCE
+                sum(len(one.values) for one in waiting.values()) >= _VALUES_AT_ONCE
                 or sum(one.bytes for one in waiting.values()) >= _BYTES_AT_ONCE
             ):
                 times = times or RowTimes(session.clock, robot_clock(session))
@@ -267,10 +272,8 @@ def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[
     }
     for spec in STREAMS:
         if (name := spec.name.replace("/", "_")) in wanted:
-            values = (
-                (Moment(value.stamp_ns), value) for value in data.of(spec.value_type) if _has_stamp(value, session)
-            )
-            rows[name] = (tables_of(spec)[0], list(values))
+            usable = (one for one in data.of(spec.value_type) if _is_usable(one.stamp_ns, session.started_ns))
+            rows[name] = (tables_of(spec)[0], [(Moment(value.stamp_ns), value) for value in usable])
     keys = key_values(session)
     tables = {}
     for name, columns in wanted.items():
@@ -283,5 +286,5 @@ def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[
     return tables
 
 
-def _has_stamp(value: Any, session: Session) -> bool:
-    return isinstance(value.stamp_ns, int) and abs(value.stamp_ns - session.started_ns) <= _FARTHEST_NS
+def _is_usable(stamp_ns: int, started_ns: int) -> bool:
+    return abs(stamp_ns - started_ns) <= _FARTHEST_NS

@@ -108,20 +108,26 @@ class RowTimes(Value):
 
     def session_s(self, stamps_ns: Iterable[int | None]) -> list[float | None]:
         started_ns = self.clock.started_ns
-        return [None if at_ns is None else round((at_ns - started_ns) / 1e9, 6) for at_ns in stamps_ns]
+        return [None if at_ns is None else _to_microseconds_s(at_ns - started_ns) for at_ns in stamps_ns]
 
     def utc_ns(self, stamps_ns: Iterable[int]) -> list[int]:
-        return list(map(self.clock.anchor.utc_ns_at, stamps_ns))
+        utc_minus_stamp_ns = self.clock.anchor.utc_ns_at(0)
+        return [stamp_ns + utc_minus_stamp_ns for stamp_ns in stamps_ns]
 
     def measured_session_s(self, values: Iterable[Any]) -> list[float | None]:
         return self.session_s(None if found is None else found.stamp_ns for found in self._measured(values))
 
     def measured_uncertainty_s(self, values: Iterable[Any]) -> list[float | None]:
         bounds_ns = (None if found is None else found.uncertainty_ns for found in self._measured(values))
-        return [None if bound_ns is None else round(bound_ns / 1e9, 6) for bound_ns in bounds_ns]
+        return [None if bound_ns is None else _to_microseconds_s(bound_ns) for bound_ns in bounds_ns]
 
     def _measured(self, values: Iterable[Any]) -> Iterator[Measured | None]:
         return (_measured(self.robot, value.robot_stamp_ns, value.stamp_ns) for value in values)
+
+
+def _to_microseconds_s(ns: int) -> float:
+    """Same as ``round(ns / 1e9, 6)`` within 100 days, faster except for halves of a microsecond and negative times."""
+    return round(ns / 1e9, 6) if ns % 1000 == 500 or ns < 0 else (ns + 500) // 1000 / 1e6
 
 
 @functools.lru_cache(maxsize=5_000)

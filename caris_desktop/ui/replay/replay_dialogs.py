@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation import annotation_editing
@@ -238,10 +239,8 @@ class TierDialog(_Dialog):
             return Vocabulary(chosen, entries, "" if present is None else present.description)
         if self._labels.currentText() == tr(SCENARIO_LABELS):
             return Vocabulary(SCENARIO_LABELS, entries)
-        name, number = tier_name, 2
-        while vocabulary_named(self._document, name) is not None:
-            name, number = f"{tier_name} {number}", number + 1
-        return Vocabulary(name, entries)
+        taken = {vocabulary.name for vocabulary in self._document.vocabularies}
+        return Vocabulary(free_name(tier_name, "", taken.__contains__, number_as=" {}"), entries)
 
     def _on_labels_chosen(self) -> None:
         present = vocabulary_named(self._document, self._chosen_name())

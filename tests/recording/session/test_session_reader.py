@@ -21,7 +21,7 @@ from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_header import RecordedRobot, SessionError, SessionHeader
-from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.session_reader import open_session, value_reader
 from tests.recording.driving import command, header, mark, pose, scan, start
 from tests.recording.told_session import at, exchange, tell
 from tests.support.recorded_session import RecordedSession
@@ -152,6 +152,17 @@ def test_values_of_a_neighbouring_version_are_read_as_far_as_they_fit(tmp_path: 
             writer.add_message(channel, 0, data, 0)
         writer.finish()
     assert [value.label for _, value in open_session(tmp_path / "s").values()] == ["kept"]
+
+
+@pytest.mark.logs(r"values of event/marked are left out")
+def test_a_message_is_one_json_value_with_or_without_spaces_around_it() -> None:
+    read, spec = value_reader(Path("events.mcap")), BY_TYPE[Marked]
+    data = json.dumps(to_jsonable(mark("here"))).encode()
+    whole = read(f"/{spec.name}", data)
+    assert whole is not None
+    assert whole[1].note == mark("here").note
+    assert read(f"/{spec.name}", b"\r\n\t " + data + b" \n") == whole
+    assert read(f"/{spec.name}", data + b"{}") is None
 
 
 def test_no_credentials_reach_the_session(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtCore import QRect
 from PySide6.QtGui import QUndoStack
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.scenario_file import load_scenario, save_layout
+from caris_desktop.scenario.scenario_file import LAYOUTS, load_scenario, save_scenario
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data, panels_in
 from caris_desktop.ui import dock_layout as edits
 from caris_desktop.ui.dock_geometry import place
@@ -80,7 +80,7 @@ def test_a_layout_that_was_edited_at_random_is_the_same_from_a_scenario_file(
     if tree is None:
         return
     path = tmp_path_factory.mktemp("own") / "own.yaml"
-    save_layout(replace(scenario, layout=tree), path)
+    save_scenario(replace(scenario, layout=tree), path, only=LAYOUTS)
     assert load_scenario(path).layout == tree
 
 
