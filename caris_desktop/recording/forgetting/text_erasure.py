@@ -125,8 +125,13 @@ class PersonNames:
 
     @cached_property
     def _firsts(self) -> tuple[str, ...]:
-        """First word of each form, in lower case."""
-        return tuple({form.lower().split()[0] for text in self.alternatives for form in _forms(text)})
+        """What a text with a name contains, in lower case: letters that all its forms share, else their first words."""
+        found: dict[str, None] = {}
+        for text in self.alternatives:
+            shared = max(re.findall(r"[a-z]+", text.split()[0].lower()), key=len, default="")
+            forms = [shared] if len(shared) >= _LEAST_PART else [form.lower().split()[0] for form in _forms(text)]
+            found.update(dict.fromkeys(forms))
+        return tuple(found)
 
     @cached_property
     def beginnings(self) -> tuple[tuple[bytes, str], ...]:
@@ -249,7 +254,8 @@ def _is_of_program(text: str, start: int, end: int) -> bool:
 def _fields() -> Mapping[str, frozenset[str]]:
     """Fields of recorded values, with the words of the program that they may have."""
     found: dict[str, frozenset[str]] = {}
-    for kind in BY_TYPE:
+    kinds: Iterable[Any] = BY_TYPE
+    for kind in kinds:
         for name, words in literals_of(kind).items():
             found[name] = found.get(name, frozenset()) | words
     return found
