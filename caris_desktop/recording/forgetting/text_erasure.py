@@ -44,7 +44,7 @@ _WORD = (
     r"(?:{forms})(?=(?:['’]?s)?(?!{letter}))"
 )
 # Digits are beside a name, as in "anna2.wav", if no code in hexadecimal digits can look like it.
-_BESIDE_DIGITS = re.compile(r"(?=.{4})(?![0-9a-f]*$).*", re.IGNORECASE | re.DOTALL)
+_BESIDE_DIGITS = re.compile(r"(?=.{4})(?![a-f]*$)\D*", re.IGNORECASE)
 _BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
 # From here on, scripts have no spaces between words, so that nothing marks where a name begins.
 _WITHOUT_SPACES = "\u0e00"
@@ -94,7 +94,11 @@ class PersonNames:
         found: dict[str, None] = {}
         for name in self.names:
             full_name = " ".join(name.split())
-            parts = [part for part in re.split(r"[\s\-.]+", full_name) if len(part) >= _LEAST_PART]
+            parts = re.split(r"[\s\-.]+", full_name)
+            # Of "Participant 7", the word alone is anybody's.
+            if any(part.isdecimal() for part in parts):
+                parts = []
+            parts = [part for part in parts if len(part) >= _LEAST_PART and not _is_common(part)]
             for text in (full_name, *parts):
                 if len(text) >= 2:
                     found.update(dict.fromkeys(_spellings(text)))
@@ -107,8 +111,9 @@ class PersonNames:
         for text in self.alternatives:
             forms = [_BETWEEN.join(re.escape(part) for part in form.split()) for form in _forms(text)]
             either = "|".join(dict.fromkeys(forms))
-            letter = r"[^\W\d_]" if _BESIDE_DIGITS.match(text) else r"[^\W_]"
-            patterns.append(f"(?:{either})" if _is_distinct(text) else _WORD.format(letter=letter, forms=either))
+            letter = r"[^\W\d_]" if _BESIDE_DIGITS.fullmatch(text) else r"[^\W_]"
+            anywhere = rf"(?:{either})(?!\d)" if text[-1].isdecimal() else f"(?:{either})"
+            patterns.append(anywhere if _is_distinct(text) else _WORD.format(letter=letter, forms=either))
         return re.compile("|".join(patterns), re.IGNORECASE) if patterns else None
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
@@ -120,7 +125,9 @@ class PersonNames:
         if not any(first in small for first in self._firsts):
             return
         for match in self.pattern.finditer(text):
-            if _is_distinct(match[0]) or not (_in_code(text, *match.span()) or _is_of_program(text, *match.span())):
+            if not _is_of_program(text, *match.span()) and (
+                _is_distinct(match[0]) or not _in_code(text, *match.span())
+            ):
                 yield match.span()
 
     @cached_property
@@ -247,7 +254,15 @@ def _is_of_program(text: str, start: int, end: int) -> bool:
         if word.start() <= start - begin and end - begin <= word.end():
             return word[0] in _fields() or _AFTER_KEY.match(around, word.end()) is not None
     field = _FIELD.search(text[begin:start])
-    return field is not None and text[start:end] in _fields().get(field[1], ())
+    if field is not None and text[start:end] in _fields().get(field[1], ()):
+        return True
+    is_key = text[begin:start].endswith('"') and _AFTER_KEY.match(text, end) is not None
+    return is_key and _is_common(text[start:end])
+
+
+def _is_common(part: str) -> bool:
+    """True for a long word of the program, such as "participant", which is searched for within words, too."""
+    return len(part) >= _DISTINCT and any(part.lower() in (name, *words) for name, words in _fields().items())
 
 
 @cache

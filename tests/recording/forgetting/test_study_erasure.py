@@ -374,3 +374,17 @@ def test_people_called_like_words_of_the_program_damage_no_value(tmp_path: Path)
     said = '{"speaker": "[forgotten]", "max_words": "[forgotten] said: [forgotten]!", "kind": "mark"}'
     assert note.read_text("utf-8") == said
     assert (tmp_path / "tour.yaml").read_text("utf-8") == "max_mps: 0.6\nphrases: [Hello (forgotten)]\n"
+
+
+def test_a_person_called_by_a_number_takes_nobody_elses_label(tmp_path: Path) -> None:
+    folder = make_session(tmp_path / "sessions" / "s", seconds=8.0, cameras=(), audio=(), people=0).folder
+    note = tmp_path / "notes.txt"
+    note.write_text(
+        "Participant 7, participant_7, Participant 71, Anna 2, Anna 21, any participant\n", encoding="utf-8"
+    )
+    before, header = messages_in(folder), (folder / "session.json").read_bytes()
+    assert forget(tmp_path, names=("Participant 7", "Anna 2", "Person A"), pictures=()).complete
+    assert messages_in(folder) == before
+    assert (folder / "session.json").read_bytes() == header
+    said = "[forgotten], [forgotten], Participant 71, [forgotten], Anna 21, any participant\n"
+    assert note.read_text("utf-8") == said
