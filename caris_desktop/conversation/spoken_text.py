@@ -10,6 +10,8 @@ from caris_desktop.domain import person_marks
 from caris_desktop.domain.value_class import Value
 
 _FENCE = re.compile(r"^\s*(?:```|~~~)\S*\s*$", re.MULTILINE)
+# Calls of tools, as Gemini writes them
+_CALL_FENCE = re.compile(r"```tool_\w{1,20}\n.{0,5000}?(?:```|\Z)", re.DOTALL)
 # Line prefixes: quotation, heading, bullet, check box; numbers if several lines have one, since "3. Stock" is a floor.
 _LEADS = re.compile(r"^\s*(?:>\s*)*(?:#{1,6}\s+|[-*+•–◦▪‣●○·]\s+)?(?:\[[ xX]\]\s+)?")
 _NUMBERED = re.compile(r"^\s*(?:>\s*)*\(?\d{1,2}[.):]\s+(?:\[[ xX]\]\s+)?")
@@ -57,7 +59,7 @@ def spoken(written: str) -> str:
     """One line of text, list items as sentences; empty if nothing is speakable."""
     part = SpokenPart()
     text = "".join((*part.process(html.unescape(written[:LONGEST_WRITTEN])), *part.end(whole=True)))
-    text = _without_links(_LINE_END_AS_TEXT.sub("\n", _without_formulas(_FENCE.sub("", text))))
+    text = _without_links(_LINE_END_AS_TEXT.sub("\n", _without_formulas(_FENCE.sub("", _CALL_FENCE.sub("", text)))))
     lines = text.splitlines()
     # Some models go on with the next turn.
     others = next((number for number, line in enumerate(lines) if number and _NEXT_TURN.match(line)), None)

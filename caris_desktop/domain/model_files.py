@@ -177,10 +177,11 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
         timeout = httpx.Timeout(30.0, connect=_CONNECT_TIMEOUT_S)
         with (
             httpx.Client(timeout=timeout, follow_redirects=True, event_hooks={"request": [check_address]}) as client,
-            client.stream("GET", url) as response,
+            # As it comes: httpx would unpack a block, however much it becomes, at once.
+            client.stream("GET", url, headers={"Accept-Encoding": "identity"}) as response,
         ):
             response.raise_for_status()
-            replace_file(target, expected(response.iter_bytes()), durable=False)
+            replace_file(target, expected(response.iter_raw()), durable=False)
     except httpx.ConnectError as error:
         _log.info("no download of %s: %s", target.name, error)
         raise NotFetched(QT_TR_NOOP("this computer is offline")) from error

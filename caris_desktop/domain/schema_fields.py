@@ -54,6 +54,30 @@ def union_members(hint: Any) -> tuple[Any, ...]:
     return tuple(dict.fromkeys(member for several in members for member in several))
 
 
+@functools.cache
+def literals_of(kind: Any) -> Mapping[str, frozenset[str]]:
+    """Fields of a value, and of the values in it, each with the words of the program that it may have."""
+    found: dict[str, frozenset[str]] = {}
+    waiting, seen = [kind], set[type[Any]]()
+    while waiting:
+        one = waiting.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        for name, hint in typing.get_type_hints(one).items():
+            found.setdefault(name, frozenset())
+            hints = [without_alias(hint)]
+            while hints:
+                each = hints.pop()
+                if get_origin(each) is Literal:
+                    found[name] |= set(map(str, get_args(each)))
+                elif isinstance(each, type) and issubclass(each, Value):
+                    waiting.append(each)
+                else:
+                    hints += union_members(each) or get_args(each)
+    return found
+
+
 Known = Literal["gestures", "expressions", "robots", "faces", "trackers"]
 External = Literal[
     "address", "camera", "language_model", "model", "network", "panel", "path", "robot", "recogniser", "tracker",

@@ -1,7 +1,6 @@
 """Events as sentences of the log; texts of preflight checks."""
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 
 from caris_desktop.domain import events, intents
 from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
@@ -12,6 +11,7 @@ from caris_desktop.live.status import PreflightCheck
 from caris_desktop.recording.session.loss_messages import read_reason
 from caris_desktop.ui.text_formatting import (
     NameOf,
+    local_moment,
     mark_sentence,
     missing,
     percent,
@@ -429,7 +429,7 @@ def check_state(check: PreflightCheck, anchor: ClockAnchor) -> str:
     """State of a check; for a manual one, by whom and when it was ticked."""
     if not check.manual or check.checked_ns is None:
         return _as_sentence(tr(check.detail))
-    moment = datetime.fromtimestamp(anchor.utc_ns_at(check.checked_ns) / 1e9).strftime("%H:%M")
+    moment = local_moment(anchor.utc_ns_at(check.checked_ns)).strftime("%H:%M")
     if check.actor == WIZARD:
         return tr("Ticked by you at {moment}.").format(moment=moment)
     return tr("Ticked by {who} at {moment}.").format(who=in_words(check.actor), moment=moment)

@@ -28,8 +28,16 @@ def local_time(started_utc: str) -> str:
     """Local time as 2026-11-21 14:02; anything else unchanged."""
     try:
         return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
-    except ValueError:
+    except (ValueError, OverflowError):  # a year that this time zone lacks
         return started_utc
+
+
+def local_moment(utc_ns: int) -> datetime:
+    """Local date and time; of 1970 for a moment that no calendar holds, as in a damaged recording."""
+    try:
+        return datetime.fromtimestamp(utc_ns / 1e9)
+    except (ValueError, OverflowError, OSError):
+        return datetime.fromtimestamp(0)
 
 
 def purpose_title(purpose: str) -> str:
@@ -39,7 +47,7 @@ def purpose_title(purpose: str) -> str:
 
 def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
     """Time of day of a session clock stamp, as 14:02:11."""
-    return datetime.fromtimestamp(anchor.utc_ns_at(stamp_ns) / 1e9).strftime("%H:%M:%S")
+    return local_moment(anchor.utc_ns_at(stamp_ns)).strftime("%H:%M:%S")
 
 
 def elapsed(seconds: float) -> str:

@@ -41,6 +41,7 @@ from caris_desktop.conversation.spoken_text import spoken
         ("▪ One\n◦ Two → three ⏰", "One. Two three"),
         (r"One\n\n- Two", "One. Two"),
         ("&lt;think&gt;Secret.&lt;/think&gt;Hello.", "Hello."),
+        ("Six.\n```tool_code\nprint(search())\n```", "Six."),
         ("***", ""),
         ("", ""),
     ],

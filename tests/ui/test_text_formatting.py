@@ -1,5 +1,6 @@
 """Texts for numbers, times and events."""
 
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -220,3 +221,18 @@ def test_the_reason_of_missing_values_is_found_again_in_the_record() -> None:
     _, sentence = event_messages.event_sentence(gap, name_of) or ("", "")
     assert "[front door: " in sentence, "a name stays as it is"
     assert tr("the disk is nearly full") in sentence
+
+
+@pytest.mark.parametrize("zone", ["Asia/Tokyo", "America/New_York"])
+def test_times_that_no_calendar_holds_are_shown_all_the_same(monkeypatch: pytest.MonkeyPatch, zone: str) -> None:
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        for text in ("0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z", "2026-10-25T02:30:00"):
+            assert text_formatting.local_time(text)[:4] in text
+        for utc_ns in (10**30, -(10**30), 253_402_300_799 * 10**9, -62_135_596_800 * 10**9):
+            assert text_formatting.local_moment(utc_ns).year in (1, 1969, 1970, 9999)
+            assert len(text_formatting.clock_time(utc_ns, ClockAnchor(0, 0))) == len("14:02:11")
+    finally:
+        monkeypatch.undo()
+        time.tzset()

@@ -205,15 +205,17 @@ def _refused_field(fields: dict[str, str], body: bytes) -> str:
 
 def _words(answer: Any, seconds: float, language: str) -> Iterator[RecognisedWord]:
     """Words of the segments, or of the whole text without segments, at times within the sound."""
-    segments = [segment for segment in answer.get("segments") or () if segment.get("text")]
+    # Some servers give segments as lists, or without times.
+    given = [segment for segment in answer.get("segments") or () if isinstance(segment, dict)]
+    segments = [segment for segment in given if segment.get("text")]
     for segment in segments or [{"text": answer["text"] or "", "start": 0.0, "end": seconds}]:
         text = str(segment["text"])
         no_speech = _number(segment.get("no_speech_prob"), None)
         likely = _number(segment.get("avg_logprob"), 0.0)
         if not is_nothing(text, no_speech=no_speech, log_probability=likely, language=language):
             # Some servers pad the sound, to 30 s, and place the last words there.
-            start_s = min(max(_number(segment["start"], 0.0), 0.0), seconds)
-            end_s = min(max(_number(segment["end"], seconds), start_s), seconds)
+            start_s = min(max(_number(segment.get("start"), 0.0), 0.0), seconds)
+            end_s = min(max(_number(segment.get("end"), seconds), start_s), seconds)
             yield from _spread(words_only(text).split(), start_s, end_s)
 
 

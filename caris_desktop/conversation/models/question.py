@@ -1,9 +1,11 @@
 """Questions, requests and answer chunks, independent of the dialect, and messages of a streamed response."""
 
+import asyncio
 import base64
 import codecs
 import json
 import re
+import zlib
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, Literal
@@ -95,6 +97,7 @@ def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
 
 
 MAX_LINE_BYTES = 1_000_000
+_PART_BYTES, _MOST_UNPACKED_BYTES = 65_536, 6_000_000
 # Many servers omit or misstate the content type; only certain mismatches are errors.
 _OTHER_TYPES = ("text/html", "image/", "audio/", "video/", "application/pdf", "application/xml", "text/xml")
 
@@ -182,7 +185,7 @@ def _messages(data: list[str]) -> list[str]:
 async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
     """Lines without their ends; unlike httpx's, limited in length."""
     pending = bytearray()
-    async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
+    async with aclosing(_blocks(response)) as blocks:
         async for block in blocks:
             *lines, rest = block.split(b"\n")
             for part in lines:
@@ -214,11 +217,43 @@ async def small_object(response: "httpx.Response", limit_bytes: int) -> dict[str
 async def small_body(response: "httpx.Response", limit_bytes: int) -> bytes:
     """Response body, truncated at the limit."""
     body = bytearray()
-    async for block in response.aiter_bytes():
-        body += block
-        if len(body) > limit_bytes:
-            break
+    async with aclosing(_blocks(response)) as blocks:
+        async for block in blocks:
+            body += block
+            if len(body) > limit_bytes:
+                break
     return bytes(body)
+
+
+async def _blocks(response: "httpx.Response") -> AsyncGenerator[bytes]:
+    """Blocks of a body, unpacked here in small parts, since httpx unpacks a block, and what is packed in it, at once.
+
+    Raises httpx.HTTPError.
+    """
+    import httpx
+
+    coding = response.headers.get("content-encoding", "identity").strip().lower()
+    if coding not in ("identity", "gzip", "x-gzip", "deflate"):
+        raise httpx.DecodingError(f"the answer is packed as {shortened(coding, 40)}")
+    unpacker = zlib.decompressobj(zlib.MAX_WBITS | 32)
+    size = 0
+    async with aclosing(response.aiter_raw()) as blocks:  # type: ignore[type-var]  # typed as an iterator
+        async for block in blocks:
+            if coding == "identity":
+                yield block
+                continue
+            part, packed = b"", block
+            while packed or len(part) == _PART_BYTES:
+                try:
+                    part = unpacker.decompress(packed, _PART_BYTES)
+                except zlib.error as error:
+                    raise httpx.DecodingError("the answer cannot be unpacked") from error
+                packed = unpacker.unconsumed_tail
+                size += len(part)
+                if size > _MOST_UNPACKED_BYTES:
+                    raise httpx.DecodingError("the unpacked answer is too long")
+                yield part
+                await asyncio.sleep(0)  # so that timeouts come
 
 
 def object_in(body: bytes) -> dict[str, Any]:

@@ -7,14 +7,22 @@ tools and turns that a model adds are removed, too.
 
 import re
 
-_TAGS = r"[\w:-]{0,20}(?:think|thought|reason|monologue|scratchpad)[\w:-]{0,20}|reflection|analysis"
-# Written as text where the server does not know the model's calls.
-_CALLS = "tool_calls?|function_calls?"
+_TAGS = (
+    r"[\w:-]{0,20}(?:think|thought|reason|monologue|scratch_?pad|cot_)[\w:-]{0,20}"
+    r"|reflection|analysis|cot|rationale|deliberation"
+)
+# Written as text where the server does not know the model's calls, or what its template tells the model.
+_CALLS = (
+    r"[\w:-]{0,20}(?:tool|function)_?(?:calls?|code|use|outputs?|results?|responses?)|[\w:-]{0,20}_tool|tools|invoke"
+    r"|functions?(?:=[\w.:-]{1,80})?|system-reminder"
+)
+_DSML = r"[|｜]DSML[|｜][^<>]{0,120}"
 _MARK = re.compile(
     rf"<(?P<end>/?)(?:{_TAGS})(?:\s[^<>]{{0,80}})?>|\[(?P<end_2>/?)THINK\]|◁(?P<end_3>/?)think▷"
-    r"|<(?P<end_4>)\|channel>|<channel(?P<end_5>\|)>|<(?P<end_6>)unused94>|<unused9(?P<end_7>5)>"
-    rf"|(?P<aside><(?:{_CALLS})>|<details type=\"reasoning\"[^<>]{{0,80}}>|\[TOOL_CALLS\])"
-    rf"|(?P<aside_end></(?:{_CALLS}|details)>)"
+    r"|<(?P<end_4>)\|channel>|<channel(?P<end_5>\|)>|<(?P<end_6>)(?:unused|ctrl)94>|<(?:unused|ctrl)9(?P<end_7>5)>"
+    rf"|(?P<aside><(?:(?:{_CALLS})(?:\s[^<>]{{0,120}})?|{_DSML})>|<details type=\"reasoning\"[^<>]{{0,80}}>"
+    r"|\[TOOL_CALLS\])"
+    rf"|(?P<aside_end></(?:{_CALLS}|details|{_DSML})>)"
     r"|<[|｜](?P<name>[^|｜<>\s]{1,40})[|｜]>|(?P<over></s>|<end_of_turn>|<turn\|>|\[INST\])"
     r"|(?P<line><start_of_turn>|<\|turn>)|<s>|\[/INST\]",
     re.IGNORECASE,
@@ -22,7 +30,8 @@ _MARK = re.compile(
 _ENDS = tuple(name for name in _MARK.groupindex if re.fullmatch(r"end(_\d)?", name))
 # Possible beginning of a marker that continues in the next piece.
 _BEGUN = re.compile(
-    rf"(?:<(?:[|｜/]?[^|｜<>\s]{{0,40}}[|｜]?|/?(?:{_TAGS}|details)\s[^<>]{{0,80}})|\[/?[A-Z_]{{0,10}}|◁/?t?h?i?n?k?)$",
+    rf"(?:<(?:[|｜/]?[^|｜<>\s]{{0,40}}[|｜]?|/?(?:{_TAGS}|{_CALLS}|details)\s[^<>]{{0,120}}|/?{_DSML}|/[|｜]\w{{0,4}})"
+    r"|\[/?[A-Z_]{0,10}|◁/?t?h?i?n?k?)$",
     re.IGNORECASE,
 )
 _ENDS_TURN = re.compile(
@@ -162,7 +171,7 @@ class SpokenPart:
         elif name == "end":
             self._over = self._over or (self._began and not self._hides)
             self._hides, self._header = False, None
-        elif "tool" in name or name == "python_tag":
+        elif "tool" in name or name.startswith("action_") or name in ("python_tag", "plugin", "interpreter"):
             self._hides = not (name.startswith("/") or "end" in name)
         elif "think" in name or "thought" in name or name.startswith("inner_"):
             self._hides, self._header = not re.search(r"/|end|suffix", name), None

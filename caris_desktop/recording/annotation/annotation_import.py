@@ -47,7 +47,7 @@ from caris_desktop.recording.session.session_header import AudioInfo, SessionHea
 _MOST_ROWS = 500_000
 _BORIS_HEADED_WITHIN = 50
 _SNIFFED_CHARACTERS = 50_000
-_LATEST_MS = 2**32 - 1
+_LATEST_MS, _BEYOND_MS = 2**32 - 1, 2**32
 # Integer lengths below the first are seconds, from the second on milliseconds; in between is ambiguous.
 _SECONDS_BELOW, _MILLISECONDS_FROM = 30, 100
 _NAMES = {
@@ -61,7 +61,8 @@ _START = ("start", "begin", "begin time", "start time", "onset", "session")
 _WHOLE_SESSION = "session"
 _END = ("end", "end time", "stop", "offset", "end_session")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:[.,](\d{1,9}))?")
-_NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
+# R and pandas write 5e-05 and 1e+05.
+_NUMBER = re.compile(r"\+?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[+-]\d\d)?")
 _EXCEL_HINT = re.compile(r"\A\"?sep=.\"?\r?\n", re.IGNORECASE)
 _HEADING = re.compile(
     r"(?P<base>.+?)(?:\s*-\s*(?P<elan>hh:mm:ss\.ms|ss\.msec|msec)"
@@ -450,7 +451,7 @@ def _factors_of(lines: list[_Line], start: int, end: int, start_unit: str, end_u
         return _FACTORS[start_unit], _FACTORS[end_unit]
     pairs = [(_cell(line, start), _cell(line, end)) for line in lines]
     numbers = [pair for pair in pairs if _NUMBER.fullmatch(pair[0]) and _NUMBER.fullmatch(pair[1])]
-    if not numbers or any("." in text or "," in text for pair in numbers for text in pair):
+    if not all(text.isdecimal() for pair in numbers for text in pair) or not numbers:
         return 1000, 1000
     length = median(int(until) - int(begin) for begin, until in numbers)
     if _SECONDS_BELOW <= length < _MILLISECONDS_FROM:
@@ -519,7 +520,7 @@ def _milliseconds(text: str, factor: int) -> int | None:
         total_s = (int(hours or 0) * 60 + int(minutes)) * 60 + int(seconds)
         return total_s * 1000 + round(float(f"0.{fraction or 0}") * 1000)
     if _NUMBER.fullmatch(text):
-        return round(float(text.replace(",", ".")) * factor)
+        return min(round(float(text.replace(",", ".")) * factor), _BEYOND_MS)
     return None
 
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import field, replace
 from datetime import UTC, datetime
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from caris_desktop.domain.file_replacement import narrow
 from caris_desktop.domain.foreign_text import parse_json
 from caris_desktop.domain.media_checks import FILM_OPTIONS
 from caris_desktop.domain.person_marks import with_names
-from caris_desktop.domain.schema_fields import union_members, without_alias
+from caris_desktop.domain.schema_fields import literals_of
 from caris_desktop.domain.sensing import People, StatusShown
 from caris_desktop.domain.sound_values import ROBOT_VOICE
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec, spec_of_topic
@@ -426,7 +426,7 @@ class _Copy:
         if isinstance(value, list):
             return [self._changed(its, spec, find, key) for its in value]
         kind: Any = None if spec is None else spec.value_type
-        if not isinstance(value, str) or key == "actor" or (kind is not None and key in _fixed_words(kind)):
+        if not isinstance(value, str) or key == "actor" or (kind is not None and literals_of(kind).get(key)):
             return value
         if value in self._checksums:
             return self._checksums[value]
@@ -605,25 +605,3 @@ def _has_sound(path: Path) -> bool:
         raise UnreadableMediaError(
             localized(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=path.name, error=error)
         ) from error
-
-
-@cache
-def _fixed_words(kind: Any) -> frozenset[str]:
-    """Fields of a value, and of the values in it, whose texts are words of the program."""
-    found, waiting, seen = set[str](), [kind], set[type[Any]]()
-    while waiting:
-        one = waiting.pop()
-        if one in seen:
-            continue
-        seen.add(one)
-        for name, hint in get_type_hints(one).items():
-            hints = [without_alias(hint)]
-            while hints:
-                each = hints.pop()
-                if get_origin(each) is Literal:
-                    found.add(name)
-                elif isinstance(each, type) and issubclass(each, Value):
-                    waiting.append(each)
-                else:
-                    hints += union_members(each) or get_args(each)
-    return frozenset(found)

@@ -25,6 +25,7 @@ from urllib.parse import quote
 
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.domain.yaml_files import parse_yaml
+from caris_desktop.recording.session.manifest import digest_of
 from caris_desktop.recording.session.session_header import is_session
 
 _log = logging.getLogger(__name__)
@@ -409,6 +410,10 @@ def _sqlite_messages(path: Path, notes: ReadNotes) -> Iterator[BagMessage]:
 
 
 def _rows(path: Path, database: sqlite3.Connection, notes: ReadNotes) -> Iterator[BagMessage]:
+    computed = "SELECT name FROM sqlite_master WHERE rootpage = 0 AND type IN ('table', 'view')"
+    if found := database.execute(computed).fetchone():
+        # Its rows could be without end.
+        raise sqlite3.DatabaseError(f"{found[0]} is a view")
     definitions: dict[str, tuple[str, str]] = {}
     try:
         rows = database.execute(
@@ -463,12 +468,13 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
     notes = ReadNotes()
     metadata = _metadata(folder / "metadata.yaml")
     if metadata is None:
-        files = _storage_files(folder)
+        files = _without_copies(_storage_files(folder), notes)
         if files:
             notes.add("The folder has no metadata.yaml: the recording was not closed properly.")
     else:
         # Only the names: a path could lead out of the folder.
-        names = [PurePosixPath(str(name)).name for name in metadata.get("relative_file_paths") or ()]
+        paths = metadata.get("relative_file_paths") or ()
+        names = list(dict.fromkeys(PurePosixPath(str(path)).name for path in paths))
         files = [folder / name for name in names if (folder / name).is_file()]
         mode = str(metadata.get("compression_mode") or "").lower()
         missing = [name for name in names if not (folder / name).is_file()]
@@ -521,6 +527,19 @@ def _storage_files(folder: Path) -> list[Path]:
     return sorted(
         found, key=lambda path: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", path.name)]
     )
+
+
+def _without_copies(files: list[Path], notes: ReadNotes) -> list[Path]:
+    """Files without those that would give the same messages again: equal ones, and compressed ones beside the other."""
+    kept: list[Path] = []
+    for path in files:
+        size_bytes = path.stat().st_size
+        equal = [one for one in kept if one.stat().st_size == size_bytes and digest_of(one) == digest_of(path)]
+        if size_bytes and (equal or (path.suffix == ".zstd" and path.with_suffix("") in files)):
+            notes.add(f"{path.name} contains the same as another file; it was not read.")
+        else:
+            kept.append(path)
+    return kept
 
 
 def _unfold_file(path: Path, scratch: Path) -> Path:

@@ -38,7 +38,7 @@ _PNG_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
 _MEDIA = (".mp4", ".wav", ".png", ".jpg", ".jpeg", ".mkv", ".webm", ".flac", ".onnx")
 # Shorter names occur by chance in arrays, vectors and images: "Zoe" in every megabyte of random bytes.
 _SHORT = 6
-_TEXT_AROUND, _BINARY_AROUND, _ODD = 6, 8, 3
+_TEXT_AROUND, _BINARY_AROUND, _CODE_PAGE_AROUND, _ODD = 6, 8, 24, 3
 
 
 class Hit(Value):
@@ -246,6 +246,9 @@ def _amid_text(data: bytes, place: int, length: int, *, media: bool) -> bool:
     before, after = data[max(0, place - around) : place], data[place + length : place + length + around]
     if media:
         return sum(32 <= byte < 127 or byte == 0 for byte in before + after) >= len(before + after) - 1
+    wider = data[max(0, place - _CODE_PAGE_AROUND) : place + length + _CODE_PAGE_AROUND]
+    if not any(byte < 32 and byte not in b"\t\n\r" for byte in wider):
+        return True  # of whatever encoding
     text = before.decode("utf-8", "replace") + after.decode("utf-8", "replace")
     # The window may cut a letter of another alphabet at either end.
     cut = text.startswith("\ufffd") + text.endswith("\ufffd")

@@ -7,8 +7,10 @@ import hashlib
 import json
 import logging
 import os
+import re
 import tarfile
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field, replace
 from pathlib import Path
@@ -37,9 +39,17 @@ _BEGINNINGS = (
     b"\xff\xd8\xff", b"\x89PNG", b"GIF8", b"II*\0", b"MM\0*", b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"FLV\1",
     b"\x30\x26\xb2\x75", b"RIFF", b"OggS", b"fLaC", b"ID3\2", b"ID3\3", b"ID3\4", b"\xff\xfb", b"\xff\xf3", b"\xff\xf1",
     b"caff\0", b"#!AMR", b"#ROSBAG", b"7z\xbc\xaf", b"Rar!", b"\4\x22\x4d\x18", b"\x5d\0\0", b"\x1f\x9d", b"%PDF",
-    b"\x89HDF", b"ARROW1", b"age-encryption", b"-----BEGIN PGP",
+    b"\x89HDF", b"ARROW1", b"age-encryption", b"-----BEGIN PGP", b"MATLAB 5.0 MAT", b"$FL3", b"PACK\0\0\0", b"MSCF",
+    b"\xd0\xcf\x11\xe0", b"!BDN", b"LZIP", b"hsqs", b"xar!", b"8BPS", b"\xff\x0a", b"\0\0\0\x0cJXL ",
 )  # fmt: skip
 """First bytes of files of both kinds, since a copy may have any name."""
+_EMBEDDED = re.compile(
+    rb"(?:image|audio|video)/[\w.+-]+(?:;base64,|\"\s*:)|<binary |^PHOTO[;:]|\\pict\b"
+    rb"|^Content-Transfer-Encoding: *base64",
+    re.IGNORECASE | re.MULTILINE,
+)
+"""A picture, sound or packed text within a text: a web page, notebook, e-mail, book, address card or RTF."""
+_BLOCK_BYTES, _OVERLAP_BYTES = 1 << 20, 256
 _ARCHIVES = (".zip", ".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".docx", ".xlsx", ".pptx", ".odt", ".ods", ".odp")
 _SESSIONS = "sessions"
 _SQLITE_MAGIC, _HEAD_BYTES = b"SQLite format 3\x00", 512
@@ -115,7 +125,19 @@ def is_opaque(path: Path) -> bool:
         if not is_damage(error):
             raise
         return True
-    return any(name.lower().endswith((*MEDIA, *_CLOSED, *_ARCHIVES)) for name in packed)
+    if any(name.lower().endswith((*MEDIA, *_CLOSED, *_ARCHIVES)) for name in packed):
+        return True
+    return b"\0" not in head and _has_embedded(path)
+
+
+def _has_embedded(path: Path) -> bool:
+    with path.open("rb") as file:
+        before = b""
+        while block := file.read(_BLOCK_BYTES):
+            if _EMBEDDED.search(before + block):
+                return True
+            before = block[-_OVERLAP_BYTES:]
+    return False
 
 
 def _is_of_content(head: bytes) -> bool:
@@ -125,7 +147,16 @@ def _is_of_content(head: bytes) -> bool:
         or head[4:8] in (b"ftyp", b"jP  ")
         or head[8:12] in (b"AIFF", b"AIFC", b"DUCK")
         or b"GGG" in (head[0:377:188], head[4:389:192])  # packets of MPEG transport streams
+        or _is_zlib(head)
     )
+
+
+def _is_zlib(head: bytes) -> bool:
+    """True for a bare zlib stream, as Git's history of a study is made of."""
+    try:
+        return head.startswith(b"x") and bool(zlib.decompressobj().decompress(head))
+    except zlib.error:
+        return False
 
 
 def _is_people_database(head: bytes) -> bool:

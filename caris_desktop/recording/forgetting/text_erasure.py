@@ -9,7 +9,8 @@ import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from html.entities import codepoint2name
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -18,6 +19,8 @@ from urllib.parse import quote
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.schema_fields import literals_of
+from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
@@ -36,18 +39,41 @@ _LEAST_PART = 3
 # Names this long are matched inside longer words too, such as file names; shorter ones are often part of other words.
 _DISTINCT = 8
 # Word boundaries in a text as stored in a file: "\nAnna", "\u201cAnna" and "%20Anna" begin there too.
-_BEGINS = r"(?:(?<![^\W_])|(?<=\\[nrtbf])|(?<=\\u[0-9a-fA-F]{4})|(?<=%[0-9a-fA-F]{2}))"
-_ENDS = r"(?=(?:['’]?s)?(?![^\W_]))"
+_WORD = (
+    r"(?:(?<!{letter})|(?<=\\[nrtbf])|(?<=\\u[0-9a-fA-F]{{4}})|(?<=%[0-9a-fA-F]{{2}}))"
+    r"(?:{forms})(?=(?:['’]?s)?(?!{letter}))"
+)
+# Digits are beside a name, as in "anna2.wav", if no code in hexadecimal digits can look like it.
+_BESIDE_DIGITS = re.compile(r"(?=.{4})(?![a-f]*$)\D*", re.IGNORECASE)
 _BETWEEN = r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+"
 # From here on, scripts have no spaces between words, so that nothing marks where a name begins.
 _WITHOUT_SPACES = "\u0e00"
-# Windows' encodings of text files, for example of tables that a spreadsheet saved.
-_CODE_PAGES = ("cp1250", "cp1251", "cp1252", "cp1253", "cp1254", "cp1257", "gbk", "cp932", "cp949", "big5")
+# Encodings of text files on Windows, older Macs, DOS (ZIP archives) and Unix, for example of tables of a spreadsheet.
+_CODE_PAGES = (
+    "cp1250", "cp1251", "cp1252", "cp1253", "cp1254", "cp1255", "cp1256", "cp1257", "cp1258", "cp874", "gbk", "cp932",
+    "cp949", "big5", "euc_jp", "iso8859_2", "iso8859_5", "koi8_r", "mac_roman", "mac_latin2", "mac_cyrillic", "cp437",
+    "cp850", "cp852", "cp866",
+)  # fmt: skip
+# How a letter beyond ASCII is written in HTML and RTF, and its bytes in e-mail, addresses, RTF, Python and Git.
+_LETTERS: tuple[Callable[[str], str], ...] = (
+    lambda letter: f"&{codepoint2name.get(ord(letter), '')};",
+    lambda letter: f"&#x{ord(letter):x};",
+    lambda letter: f"\\u{ord(letter)}?",
+)
+_BYTES = ("={:02x}", "%{:02x}", "\\'{:02x}", "\\x{:02x}", "\\{:03o}")
+# Accents in LaTeX
+_ACCENTS = dict(zip("\u0300\u0301\u0302\u0303\u0308\u0327\u0328\u030a\u030b\u030c", "`'^~\"ckrHv", strict=True))
+_ACCENTED = ("\\{0}{1}", "\\{0}{{{1}}}", "{{\\{0}{1}}}", "{{\\{0}{{{1}}}}}")
 # Letters that are not a letter with an accent, and how German and Nordic names are written without such keys.
 _PLAIN_LETTERS = str.maketrans("øłđðı", "olddi") | str.maketrans({"ß": "ss", "æ": "ae", "œ": "oe"})
 _TWO_LETTERS = str.maketrans({"ä": "ae", "ö": "oe", "ø": "oe", "ü": "ue", "å": "aa"})
 # Checksums and base64 contain no names; paths have letters and slashes too, but shorter runs.
 _CODES = ((re.compile(r"[A-Za-z0-9]*"), 32), (re.compile(r"[A-Za-z0-9+/=]*"), 250))
+# Identifiers of several words, and what follows one that is a key: of JSON, or of a number in YAML and settings.
+_IDENTIFIER = re.compile(r"[a-z][a-z0-9]*(?:_[a-z0-9]+)+")
+_AFTER_KEY = re.compile(r'\\*"[ \t]*:|[ \t]*[:=][ \t]*-?\.?\d')
+_FIELD = re.compile(r'"([a-z][a-z0-9_]*)\\*":\s*\\*"$')
+_LONGEST_IDENTIFIER = 64
 _PROBE_BYTES, _PROBES = 24, 6
 _JPEG_SCAN = b"\xff\xda"
 
@@ -68,7 +94,11 @@ class PersonNames:
         found: dict[str, None] = {}
         for name in self.names:
             full_name = " ".join(name.split())
-            parts = [part for part in re.split(r"[\s\-.]+", full_name) if len(part) >= _LEAST_PART]
+            parts = re.split(r"[\s\-.]+", full_name)
+            # Of "Participant 7", the word alone is anybody's.
+            if any(part.isdecimal() for part in parts):
+                parts = []
+            parts = [part for part in parts if len(part) >= _LEAST_PART and not _is_common(part)]
             for text in (full_name, *parts):
                 if len(text) >= 2:
                     found.update(dict.fromkeys(_spellings(text)))
@@ -81,7 +111,9 @@ class PersonNames:
         for text in self.alternatives:
             forms = [_BETWEEN.join(re.escape(part) for part in form.split()) for form in _forms(text)]
             either = "|".join(dict.fromkeys(forms))
-            patterns.append(f"(?:{either})" if _is_distinct(text) else f"{_BEGINS}(?:{either}){_ENDS}")
+            letter = r"[^\W\d_]" if _BESIDE_DIGITS.fullmatch(text) else r"[^\W_]"
+            anywhere = rf"(?:{either})(?!\d)" if text[-1].isdecimal() else f"(?:{either})"
+            patterns.append(anywhere if _is_distinct(text) else _WORD.format(letter=letter, forms=either))
         return re.compile("|".join(patterns), re.IGNORECASE) if patterns else None
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
@@ -93,13 +125,20 @@ class PersonNames:
         if not any(first in small for first in self._firsts):
             return
         for match in self.pattern.finditer(text):
-            if _is_distinct(match[0]) or not _in_code(text, *match.span()):
+            if not _is_of_program(text, *match.span()) and (
+                _is_distinct(match[0]) or not _in_code(text, *match.span())
+            ):
                 yield match.span()
 
     @cached_property
     def _firsts(self) -> tuple[str, ...]:
-        """First word of each form, in lower case."""
-        return tuple({form.lower().split()[0] for text in self.alternatives for form in _forms(text)})
+        """What a text with a name contains, in lower case: letters that all its forms share, else their first words."""
+        found: dict[str, None] = {}
+        for text in self.alternatives:
+            shared = max(re.findall(r"[a-z]+", text.split()[0].lower()), key=len, default="")
+            forms = [shared] if len(shared) >= _LEAST_PART else [form.lower().split()[0] for form in _forms(text)]
+            found.update(dict.fromkeys(forms))
+        return tuple(found)
 
     @cached_property
     def beginnings(self) -> tuple[tuple[bytes, str], ...]:
@@ -153,7 +192,25 @@ def _forms(text: str) -> tuple[str, ...]:
         for cased, code_page in product((composed, composed.lower(), composed.upper()), _CODE_PAGES):
             with suppress(UnicodeEncodeError):  # the code page lacks a letter
                 forms.append(cased.encode(code_page).decode("utf-8", AS_IT_IS["utf-8"]))
+        for cased in (composed, composed.lower(), composed.upper()):
+            forms += _escaped(cased)
     return tuple(dict.fromkeys(forms))
+
+
+def _escaped(text: str) -> Iterator[str]:
+    """``text`` as written in files that hold only ASCII, and as UTF-8 that was read as Latin-1."""
+
+    def each(change: Callable[[str], str]) -> str:
+        return "".join(letter if letter.isascii() else change(letter) for letter in text)
+
+    yield from map(each, _LETTERS)
+    for style, encoding in product(_BYTES, ("utf-8", "cp1252")):
+        with suppress(UnicodeEncodeError):
+            yield each(lambda letter: "".join(map(style.format, letter.encode(encoding))))  # noqa: B023 - called here
+    decomposed = re.compile(f"(.)([{''.join(_ACCENTS)}])")
+    for style in _ACCENTED:
+        yield decomposed.sub(lambda both: style.format(_ACCENTS[both[2]], both[1]), unicodedata.normalize("NFD", text))  # noqa: B023 - likewise
+    yield text.encode().decode("latin-1")
 
 
 def _is_distinct(text: str) -> bool:
@@ -185,6 +242,38 @@ def _in_code(text: str, start: int, end: int) -> bool:
         if right - left >= longest and any(letter.isdigit() for letter in text[left:right]):
             return True
     return False
+
+
+def _is_of_program(text: str, start: int, end: int) -> bool:
+    """True for a word of the program, as in the key ``range_max_m`` or the value ``"kind": "mark"``, that a person may
+    be called too.
+    """
+    begin = max(0, start - _LONGEST_IDENTIFIER)
+    around = text[begin : end + _LONGEST_IDENTIFIER]
+    for word in _IDENTIFIER.finditer(around):
+        if word.start() <= start - begin and end - begin <= word.end():
+            return word[0] in _fields() or _AFTER_KEY.match(around, word.end()) is not None
+    field = _FIELD.search(text[begin:start])
+    if field is not None and text[start:end] in _fields().get(field[1], ()):
+        return True
+    is_key = text[begin:start].endswith('"') and _AFTER_KEY.match(text, end) is not None
+    return is_key and _is_common(text[start:end])
+
+
+def _is_common(part: str) -> bool:
+    """True for a long word of the program, such as "participant", which is searched for within words, too."""
+    return len(part) >= _DISTINCT and any(part.lower() in (name, *words) for name, words in _fields().items())
+
+
+@cache
+def _fields() -> Mapping[str, frozenset[str]]:
+    """Fields of recorded values, with the words of the program that they may have."""
+    found: dict[str, frozenset[str]] = {}
+    kinds: Iterable[Any] = BY_TYPE
+    for kind in kinds:
+        for name, words in literals_of(kind).items():
+            found[name] = found.get(name, frozenset()) | words
+    return found
 
 
 def _pieces(picture: bytes) -> Iterator[bytes]:

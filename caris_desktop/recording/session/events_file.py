@@ -36,6 +36,7 @@ HEAD = struct.Struct("<BQ")
 MESSAGE_BODY = struct.Struct("<HIQQ")
 # Start, end, uncompressed size, checksum, and length of the compression name that follows.
 CHUNK_BODY = struct.Struct("<QQQII")
+_CRC = slice(HEAD.size + 24, HEAD.size + 28)
 # Start, end, offset and length of a chunk, and the length of the following message index offsets.
 CHUNK_INDEX_BODY = struct.Struct("<QQQQI")
 FOOTER_BODY = struct.Struct("<QQI")
@@ -376,6 +377,7 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
     at = len(MAGIC) if file.read(len(MAGIC)) == MAGIC else 0
     run: list[bytes] = []
     run_at = at
+    chunks: set[bytes] = set()  # a file system may give a part of a file twice
 
     def end_run() -> None:
         if run:
@@ -403,14 +405,19 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
             run.append(head + file.read(length))
         elif opcode == CHUNK:
             end_run()
-            listed = not thorough and _add_listed_chunk(gathered, file, at, record_bytes)
-            if not listed:
-                file.seek(at + HEAD.size)
-            if not listed and not _add_chunk(gathered, head + file.read(length), at):
-                found = _next_chunk(file, at + 1, end)
-                gathered.damaged_bytes += found - at
-                at = found
-                continue
+            about = head + file.read(min(length, CHUNK_BODY.size))
+            file.seek(at + HEAD.size)
+            if about not in chunks:
+                listed = not thorough and _add_listed_chunk(gathered, file, at, record_bytes)
+                if not listed:
+                    file.seek(at + HEAD.size)
+                if not listed and not _add_chunk(gathered, head + file.read(length), at):
+                    found = _next_chunk(file, at + 1, end)
+                    gathered.damaged_bytes += found - at
+                    at = found
+                    continue
+                if about[_CRC] != bytes(4):
+                    chunks.add(about)
         elif opcode in (SCHEMA, CHANNEL):
             end_run()
             gathered.add_declaration(opcode, head + file.read(length))

@@ -187,7 +187,7 @@ def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: di
 
 def time_of(photo: PhotoEntry) -> str:
     """Time of a photo as 14:02:11, with the date if not today."""
-    at = datetime.fromtimestamp(photo.utc_ns / 1e9)
+    at = text_formatting.local_moment(photo.utc_ns)
     return at.strftime("%H:%M:%S" if at.date() == datetime.now().date() else "%Y-%m-%d %H:%M:%S")
 
 

@@ -438,7 +438,7 @@ class AboutPage(_Page):
 
 def when(utc_ns: int, today: datetime) -> str:
     """Time as 14:02; 21 Nov, 14:02 on another day; 21 Nov 2025, 14:02 in another year."""
-    at = datetime.fromtimestamp(utc_ns / 1e9)
+    at = text_formatting.local_moment(utc_ns)
     if at.date() == today.date():
         return f"{at:%H:%M}"
     return f"{text_formatting.day_of(at, with_year=at.year != today.year)}, {at:%H:%M}"

@@ -81,7 +81,7 @@ def test_a_server_that_reports_the_text_alone_will_do(server: Server) -> None:
         (500, b"", "500 .no reason given"),
         (200, b"<html>", "an invalid transcription"),
         (200, b"[]", "an invalid transcription"),
-        (200, b'{"segments": [{"text": "x"}]}', "an invalid transcription"),
+        (200, b'{"segments": [[0, 1, "x"]]}', "an invalid transcription"),
         (200, b" " * 1_100_000, "cannot be reached"),
     ],
 )
@@ -197,6 +197,8 @@ def test_speech_is_not_sent_where_others_can_read_it(address: str) -> None:
         ({"text": "ご視聴ありがとうございました"}, ""),
         ({"text": "Thank you."}, "Thank you."),
         ({"text": "Hello", "segments": [{"text": None}, {"text": ""}]}, "Hello"),
+        ({"text": "Hello", "segments": [[0, 0.0, 1.0, "Hello"]]}, "Hello"),
+        ({"text": "Hello", "segments": [{"text": "Hello"}]}, "Hello"),
         ({"text": "Hello", "segments": [{"text": "Hello", "avg_logprob": -2.0, "start": 0, "end": 1}]}, ""),
     ],
 )

@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import gzip
 import json
 import random
+import zlib
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from typing import Any
@@ -119,6 +121,9 @@ def asked(
         # Solar Open, Apertus
         f"<|begin|>assistant<|think|>{SECRET}<|end|><|begin|>assistant<|content|>{ANSWER}<|end|>",
         f"<|inner_prefix|>{SECRET}<|inner_suffix|>{ANSWER}",
+        f"<scratch_pad>{SECRET}</scratch_pad>{ANSWER}",
+        f"<seed:cot_budget_reflect>{SECRET}</seed:cot_budget_reflect>{ANSWER}",
+        f"<ctrl94>thought\n{SECRET}<ctrl95>{ANSWER}",
         # gpt-oss from a server that drops its tokens
         f"analysis{SECRET}assistantfinal{ANSWER}",
         f"analysis{SECRET}assistantcommentary{SECRET}assistantfinal{ANSWER}",
@@ -141,6 +146,13 @@ def test_reasoning_is_not_spoken_wherever_it_is_cut(written: str, size: int) -> 
         f'{ANSWER}<tool_call>{{"name": "{SECRET}"}}</tool_call>',
         f"{ANSWER}<｜tool▁calls▁begin｜>{SECRET}<｜tool▁calls▁end｜>",
         f'{ANSWER}[TOOL_CALLS][{{"name": "{SECRET}"}}]',
+        f"<function=look_up>{SECRET}</function>{ANSWER}",
+        f'{ANSWER}<invoke name="x"><parameter name="y">{SECRET}</parameter></invoke>',
+        f"<minimax:tool_call>{SECRET}</minimax:tool_call>{ANSWER}",
+        f'{ANSWER}<｜DSML｜tool_calls>\n<｜DSML｜invoke name="x">{SECRET}</｜DSML｜invoke></｜DSML｜tool_calls>',
+        f"<|action_start|><|plugin|>{SECRET}<|action_end|>{ANSWER}",
+        f"{ANSWER}<tool_response>{SECRET}</tool_response>",
+        f"<system-reminder>{SECRET}</system-reminder>{ANSWER}",
     ],
 )
 def test_turns_and_calls_that_a_model_adds_are_not_spoken(written: str, size: int) -> None:
@@ -262,6 +274,21 @@ def test_a_whole_answer_stays_whole_however_the_server_ends() -> None:
         whole({"choices": [{"message": {"role": "assistant", "content": ANSWER}}]}),
     ):
         assert asked(lambda _body, reply=reply: reply)[0] == [ANSWER], reply
+
+
+@pytest.mark.logs("answered with HTTP status 500")
+def test_a_packed_answer_is_unpacked_and_never_fills_the_memory() -> None:
+    def packed(coding: str, body: bytes) -> bytes:
+        return SSE_HEAD.replace(b"\r\n\r\n", f"\r\nContent-Encoding: {coding}\r\n\r\n".encode()) + body
+
+    answer = event(chunk({"content": ANSWER})) + event(STOP)
+    assert asked(lambda _body: packed("gzip", gzip.compress(answer)))[0] == [ANSWER]
+    assert asked(lambda _body: packed("deflate", zlib.compress(answer)))[0] == [ANSWER]
+    bomb = gzip.compress(b"x" * (1 << 26))
+    for coding, body in (("gzip", bomb), ("gzip, gzip", gzip.compress(bomb)), ("gzip", answer), ("zstd", answer)):
+        for reply in (packed(coding, body), packed(coding, body).replace(b"200 OK", b"500 Internal Server Error")):
+            with pytest.raises(LanguageModelError):
+                asked(lambda _body, reply=reply: reply)
 
 
 @pytest.mark.parametrize("indent", [None, 2])

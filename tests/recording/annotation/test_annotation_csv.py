@@ -33,6 +33,7 @@ def read(folder: Path, content: str | bytes, *, coder: str = "anna") -> list[tup
         "tier,start_ms,end_ms,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
         "tier,start,end,value\nGaze,1000,2500,robot\nGaze,2500,61234,away\n",
         "tier;start_s;end_s;value\r\nGaze;1;2,5;robot\r\n\r\nGaze;2,5;61,234;away\r\n",
+        "tier,start_s,end_s,value\nGaze,1e+00,+2.5,robot\nGaze,2.50e+00,6.1234e+01,away\n",
         "sep=;\ntier;start_s;end_s;value\nGaze;1;2,5;robot\nGaze;2,5;61,234;away\n",
         "Tier,Start,End,Label\nGaze,1.0,2.5,robot\nGaze,2.5,61.234,away\n",
         "Tier\tBegin\tEnd\tText\nGaze\t00:00:01.000\t0:02.5\trobot\nGaze\t00:00:02.500\t00:01:01.234\taway\n",

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -818,6 +819,28 @@ def test_files_that_the_metadata_omits_are_named(tmp_path: Path) -> None:
     folder = write_ros2(tmp_path / "b", _set_back(0), storage=MCAP, mode=CompressionMode.NONE)
     shutil.copy(folder / "b.mcap", folder / "b_1.mcap")
     assert any("b_1.mcap" in note for note in import_bag(folder, tmp_path / "s").notes)
+
+
+def test_a_file_that_lies_there_twice_is_read_once(tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "b", _set_back(0), storage=MCAP, mode=CompressionMode.NONE)
+    (folder / "metadata.yaml").unlink()
+    shutil.copy(folder / "b.mcap", folder / "b (copy).mcap")
+    (folder / "b.mcap.zstd").write_bytes(zstandard.compress((folder / "b.mcap").read_bytes()))
+    report = import_bag(folder, tmp_path / "s")
+    assert report.values["odometry"] == 100
+    assert sum("the same as another file" in note for note in report.notes) == 2
+
+
+@pytest.mark.parametrize("name", ["messages", "topics", "message_definitions"])
+def test_a_database_whose_rows_are_computed_without_end_is_no_bag(name: str, tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "b", _set_back(0), storage=SQLITE, mode=CompressionMode.NONE)
+    endless = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT 1, x, x, x FROM c"
+    with closing(sqlite3.connect(next(folder.glob("*.db3")))) as database:
+        database.execute(f"DROP TABLE {name}")
+        database.execute(f"CREATE VIEW {name} (id, topic_id, timestamp, data) AS {endless}")
+        database.commit()
+    with pytest.raises(BagError, match=f"{name} is a view"):
+        import_bag(folder, tmp_path / "s")
 
 
 def test_the_colour_images_of_a_depth_camera_are_shown(tmp_path: Path) -> None:

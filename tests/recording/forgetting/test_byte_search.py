@@ -90,6 +90,16 @@ def test_pictures_of_others_and_words_that_only_contain_a_part_are_not_taken_for
         ("O’Brien", "O'Brien"),
         ("Иван", "Иван".encode("cp1251")),
         ("李娜", "李娜".encode("gbk")),
+        ("Иван", "Меня зовут Иван, я живу здесь".encode("cp1251")),
+        ("Иван", "Меня зовут Иван, я живу здесь".encode("koi8_r")),
+        ("健太", "私の名前は健太です。".encode("cp932")),
+        ("יעל", "אני יעל, שלום".encode("cp1255")),
+        ("Jürgen", "Für Jürgen, Größe".encode("mac_roman")),
+        ("Jürgen", "Für Jürgen, Größe".encode("cp850")),
+        ("Jürgen", "J&uuml;rgen, J&#xFC;rgen, J%FCrgen, J=C3=BCrgen"),
+        ("Jürgen", r"J\'fcrgen, J\u252?rgen, J\xfcrgen, J\303\274rgen"),
+        ("Jürgen", r"J\"urgen, J\"{u}rgen, J{\"u}rgen, J{\"{u}}rgen"),
+        ("Jürgen", "JÃ¼rgen, JUERGEN2.wav, 2jürgen"),
     ],
 )
 def test_a_name_is_found_as_typed_without_its_letters_and_in_the_code_page_of_its_country(

@@ -8,6 +8,7 @@ import re
 import shutil
 import tarfile
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +256,19 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     ):
         (study / name).write_bytes(content)
     (study / "film.gz").write_bytes(gzip.compress(b"\0\0\0\x20ftypisom"))
+    embedded = {
+        "thesis.rtf": rb"{\rtf1 {\pict\jpegblip ffd8}}",
+        "analysis.ipynb": b'{"outputs": [{"data": {"image/png": "iVBORw0"}}]}',
+        "page.htm": b'<p><img src="data:image/jpeg;base64,/9j/"></p>',
+        "letter.eml": b"To: lab\r\nContent-Transfer-Encoding: base64\r\n\r\nSGVsbG8=\r\n",
+        "card.vcf": b"BEGIN:VCARD\r\nPHOTO;ENCODING=b;TYPE=JPEG:/9j/\r\n",
+        "table.mat": b"MATLAB 5.0 MAT-file, packed",
+        "letter.doc": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+        "history": zlib.compress(b"blob 3\0abc"),
+    }
+    plain = {"x.txt": b"x^2 is a parabola", "format.txt": b"image/png is a format; base64 is a code"}
+    for name, content in (embedded | plain).items():
+        (study / name).write_bytes(content)
     (study / "text.gz").write_bytes(gzip.compress(b"something"))
     for name, inside in (("films.zip", "a/film.mp4"), ("texts.zip", "a/notes.txt"), ("nested.zip", "films.zip")):
         with zipfile.ZipFile(study / name, "w") as archive:
@@ -268,7 +282,8 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     assert {f"{name}/video-front.mp4", f"{name}/audio-microphone.wav", f"{name}/photos/0001.png"} <= listed
     assert {"interviews/first.MP3", "photos/untagged.png", "torn.zip", "consent.pdf"} <= listed
     assert {"films.zip", "photos.tar.gz", "nested.zip", "film.gz", "clip.MTS", "phone.3gp", "backup"} <= listed
-    assert listed.isdisjoint({"texts.zip", "text.gz", "ID3 FORM.txt"})
+    assert listed.isdisjoint({"texts.zip", "text.gz", "ID3 FORM.txt", *plain})
+    assert set(embedded) <= listed
     assert not any(file.startswith(f"sessions/{folder.name}/") for folder in sessions_of(study)[:2] for file in listed)
     receipt = receipt_of(study)
     assert receipt["complete"] is False

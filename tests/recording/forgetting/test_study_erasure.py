@@ -360,3 +360,31 @@ def test_a_file_that_cannot_be_changed_inside_waits_for_a_decision(study: Path) 
     second = forget(study, decisions={key: "remove"}, only_texts=True)
     assert second.complete
     assert not (study / "thesis.docx").exists()
+
+
+def test_people_called_like_words_of_the_program_damage_no_value(tmp_path: Path) -> None:
+    plan = {"cameras": (), "audio": (), "people": 0, "scans_hz": 1.0, "llm_every_s": 2.0}
+    folder = make_session(tmp_path / "sessions" / "s", seconds=8.0, **plan).folder  # type: ignore[arg-type] # by name
+    note = tmp_path / "notes.json"
+    note.write_text('{"speaker": "max", "max_words": "Max said: Mark!", "kind": "mark"}', encoding="utf-8")
+    (tmp_path / "tour.yaml").write_text("max_mps: 0.6\nphrases: [Hello Max]\n", encoding="utf-8")
+    before = messages_in(folder)
+    assert forget(tmp_path, names=("Max", "Mark"), pictures=()).complete
+    assert messages_in(folder) == before
+    said = '{"speaker": "[forgotten]", "max_words": "[forgotten] said: [forgotten]!", "kind": "mark"}'
+    assert note.read_text("utf-8") == said
+    assert (tmp_path / "tour.yaml").read_text("utf-8") == "max_mps: 0.6\nphrases: [Hello (forgotten)]\n"
+
+
+def test_a_person_called_by_a_number_takes_nobody_elses_label(tmp_path: Path) -> None:
+    folder = make_session(tmp_path / "sessions" / "s", seconds=8.0, cameras=(), audio=(), people=0).folder
+    note = tmp_path / "notes.txt"
+    note.write_text(
+        "Participant 7, participant_7, Participant 71, Anna 2, Anna 21, any participant\n", encoding="utf-8"
+    )
+    before, header = messages_in(folder), (folder / "session.json").read_bytes()
+    assert forget(tmp_path, names=("Participant 7", "Anna 2", "Person A"), pictures=()).complete
+    assert messages_in(folder) == before
+    assert (folder / "session.json").read_bytes() == header
+    said = "[forgotten], [forgotten], Participant 71, [forgotten], Anna 21, any participant\n"
+    assert note.read_text("utf-8") == said

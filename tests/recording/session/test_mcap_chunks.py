@@ -91,6 +91,21 @@ def test_junk_between_chunks_is_passed_over(tmp_path: Path) -> None:
     assert damaged.damaged_bytes == 333
 
 
+@pytest.mark.logs("index of .* is damaged")
+@pytest.mark.parametrize("thorough", [True, False])
+def test_a_chunk_that_is_there_twice_is_read_once(tmp_path: Path, *, thorough: bool) -> None:
+    content = written()
+    path = tmp_path / "events.mcap"
+    path.write_bytes(content)
+    before = events_file.read_index(path)
+    at, length = int(before.offsets[2]), int(before.offsets[3] - before.offsets[2])
+    path.write_bytes(content[: at + length] + content[at : at + length] + content[at + length :])
+    with path.open("rb") as file:
+        index = events_file.scan(file, thorough=thorough)
+    assert index.count == before.count and not index.damaged_bytes
+    assert len(read(path)[1]) == COUNT
+
+
 def test_messages_whose_channel_was_lost_are_left_out_of_a_rewritten_file(tmp_path: Path) -> None:
     content = bytearray(written(finish=False))
     path = tmp_path / "events.mcap"
