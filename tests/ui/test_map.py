@@ -248,6 +248,19 @@ def test_the_name_of_a_person_covers_no_place(panel: MapPanel, console: FakeCons
     assert not name.contains(panel.view.to_view(3.0, 2.0))
 
 
+def test_the_words_of_a_missing_map_lie_on_no_name(panel: MapPanel, console: FakeConsole) -> None:
+    panel.view.resize(300, 350)
+    panel.view.show_map(None)
+    panel.view.show_pose(None)
+    console.state.places.set(tuple(Place(f"Room {n}", Pose2D(n % 3, n // 3, 0.0)) for n in range(9)))
+    console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
+    panel.view.grab()
+    items = panel.view.map_items
+    words = items._waiting.sceneBoundingRect()
+    assert items._waiting.isVisible() and items.labels()
+    assert not [name for name, rect in items.labels().items() if rect.intersects(words)]
+
+
 def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:
     """Scan of a bag with neither the robot's pose nor the position of its laser."""
     view = panel.view

@@ -753,7 +753,8 @@ class MapItems:
         self._waiting.setVisible(self._grid.newest is None)
         self._waiting.setText(state.waiting)
         words = self._waiting.boundingRect()
-        middle = height - 25 if state.pose is not None else height / 2
+        beside_others = state.pose is not None or state.places
+        middle = height - 25 if beside_others else height / 2
         self._waiting.setPos(QPointF(width / 2, middle) - words.center())
         font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
         metrics = QFontMetricsF(font)
