@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import gc
 import json
 import logging
 import multiprocessing
@@ -170,8 +169,6 @@ def _open_executor(workers: Workers, jobs: int) -> Iterator[Executor]:
 
 def _begin_worker() -> None:
     configure_child_logging("job")
-    # The rows of a session have no cycles: looking for some every 700 objects takes a tenth of the time.
-    gc.set_threshold(100_000, 50, 100)
     # Ctrl+C reaches the whole process group; this process ends when its parent says so, by SIGTERM.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))

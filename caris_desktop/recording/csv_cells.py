@@ -52,11 +52,12 @@ class CsvWriter:
         self._plain = style.plain
 
     def writerow(self, cells: Iterable[Any]) -> None:
-        self._rows.writerow([shown_cell(c) if isinstance(c, str) and not self._plain else c for c in cells])
+        self.writerows([cells])
 
     def writerows(self, rows: Iterable[Iterable[Any]]) -> None:
-        for row in rows:
-            self.writerow(row)
+        if not self._plain:
+            rows = ([shown_cell(cell) if isinstance(cell, str) else cell for cell in row] for row in rows)
+        self._rows.writerows(rows)
 
 
 def add_csv_arguments(parser: argparse.ArgumentParser) -> None:

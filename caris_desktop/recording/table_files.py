@@ -4,14 +4,13 @@ A stored set is used only if its key and the checksums of its files match; else 
 recording: no export, manifest or repair looks at it, and erasing a person deletes it.
 """
 
-import gc
 import hashlib
 import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Collection, Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -185,22 +184,11 @@ def _write(
         "program_version": session.header.program_version,
         "licence": "",
     }
-    with _few_collections(), ParquetTables(out, about, whose) as files:
+    with ParquetTables(out, about, whose) as files:
         for batch in session_batches(session, progress, on_damaged, only):
             files.write(*batch)
         files.write(DICTIONARY_TABLE, dictionary_columns([*files.tables, DICTIONARY_TABLE], whose))
     return [out / f"{table.name}.parquet" for table in files.tables]
-
-
-@contextmanager
-def _few_collections() -> Iterator[None]:
-    """Rows have no reference cycles: looking for some after every 700 objects takes a quarter of the time."""
-    before = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 100)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
 
 
 class ParquetTables:

@@ -82,7 +82,7 @@ def test_times_are_rounded_to_the_microsecond_as_python_rounds() -> None:
 
 def test_garbage_is_collected_afterwards_as_before(tmp_path: Path) -> None:
     before = gc.get_threshold()
-    copied(make(tmp_path / "s"), tmp_path / "1")
+    export_session(make(tmp_path / "s"), "parquet", tmp_path / "out")
     assert gc.get_threshold() == before
 
 

@@ -5,7 +5,7 @@ Every row begins with its session, so that tables of several sessions can be con
 
 import tempfile
 from collections.abc import Iterable
-from datetime import UTC, datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from caris_desktop.recording.table_files import copy_tables
 from caris_desktop.recording.tables.catalog import json_text, scalar_text
 
 _ROWS_AT_ONCE = 5_000
+_EPOCH = datetime(1970, 1, 1)  # in UTC, which the Z says
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
@@ -39,15 +40,19 @@ def csv_of(table: Path, out: Path, style: CsvStyle) -> Path:
     return path
 
 
-def _cells(name: str, column: Any) -> Iterable[str]:
-    """Texts that read back as the same values; empty if unknown."""
+def _cells(name: str, column: Any) -> Iterable[Any]:
+    """Cells that read back as the same values; empty if unknown."""
     import pyarrow as pa
 
     kind = column.type
     if pa.types.is_timestamp(kind):
         return ["" if value is None else _utc(value) for value in column.cast(pa.int64()).to_pylist()]
-    if not pa.types.is_list(kind):
+    if pa.types.is_boolean(kind):
         return ["" if value is None else scalar_text(value) for value in column.to_pylist()]
+    if not pa.types.is_list(kind):
+        # The writer spells numbers so, too, in a tenth of the time.
+        cells: list[Any] = column.to_pylist()
+        return cells
     if kind.value_type in (pa.int8(), pa.uint16()):
         return [""] * len(column)  # grids, which the dictionary says are left out
     if pa.types.is_string(kind.value_type):
@@ -64,8 +69,7 @@ def _numbers(row: Any, between: str) -> str:
 
 def _utc(utc_us: int) -> str:
     """ISO 8601 with microseconds; empty if outside the calendar."""
-    seconds, microseconds = divmod(utc_us, 1_000_000)
     try:
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{microseconds:06d}Z"
-    except (ValueError, OverflowError, OSError):
+        return f"{(_EPOCH + timedelta(microseconds=utc_us)).isoformat(timespec='microseconds')}Z"
+    except OverflowError:
         return ""

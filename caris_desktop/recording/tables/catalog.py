@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import itertools
 import json
-import math
 import re
 import typing
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -574,8 +573,6 @@ def scalar_text(value: Any) -> str:
         return plain_text(value)
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, float) and math.isfinite(value) and value == int(value) and abs(value) < 1e15:
-        return f"{value:.1f}"
     return plain_text(str(value))
 
 
