@@ -283,7 +283,7 @@ def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
 
 
 def drive_line(drive: DriveStatus) -> str:
-    if not drive.allowed or drive.emergency_stop:
+    if not drive.allowed or (drive.emergency_stop and drive.movement != "uncommanded"):
         return tr("Driving is off")
     commanded = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
     match drive.movement:

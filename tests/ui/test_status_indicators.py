@@ -105,6 +105,8 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
         "Moving",
         "Moving without a console command",
     )
+    state.drive.set(DriveStatus(True, "", emergency_stop=True, movement="uncommanded"))
+    assert text_formatting.drive_line(state.drive.value) == "Moving without a console command"
 
 
 def test_the_sign_is_as_the_last_odometry_reports(qtbot: QtBot, theme: Theme) -> None:
