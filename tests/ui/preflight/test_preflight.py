@@ -69,7 +69,7 @@ def test_a_list_that_nobody_sees_is_made_when_a_person_does(
 
 
 def texts(widget: QWidget) -> list[str]:
-    return [label.text() for label in widget.findChildren(QLabel) if label.isVisible()]
+    return [label.text() for label in widget.findChildren(QLabel) if label.isVisible() and label.text()]
 
 
 def test_the_summary_counts_what_is_open_and_names_the_worst() -> None:
