@@ -342,6 +342,10 @@ class AssistantPanel(Panel):
         self._edit.setEnabled(has_answer and not self._editing and live and speaks)
         self._dismiss.setEnabled(live)
         self._again.setEnabled(live)
+        # The model for practice often just continues the question, and an answer that was cut off needs an end.
+        read_first = bool(exchange.detail) or self.state.assistant_setup.value.model == "embedded"
+        self._say.set_label(self._say.text(), role="plain" if read_first else "primary")
+        self._edit.set_label(self._edit.text(), role="primary" if read_first else "plain")
         again = exchange.state in ("failed", "cancelled") and bool(exchange.question) and not has_answer
         offered = {
             self._say: speaks and not exchange.is_pending and not again,

@@ -14,6 +14,7 @@ from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPa
 from caris_desktop.scenario.scenario_model import NamedText
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.assistant_panel import AssistantPanel
+from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -129,6 +130,21 @@ def test_an_answer_that_is_cut_off_says_so(panel: AssistantPanel, console: FakeC
     asked(console, replace(ANSWERED, detail="The answer is cut off: the server's filter stopped it."))
     note = find(panel, "assistant_note")
     assert note.isVisible() and "cut off" in note.property("text")
+
+
+def test_what_must_be_read_first_is_not_said_by_the_primary_button(panel: AssistantPanel, console: FakeConsole) -> None:
+    def primary() -> str:
+        buttons = panel.findChildren(ActionButton)
+        return next(button.objectName() for button in buttons if button.isVisible() and button._role == "primary")
+
+    console.state.assistant_setup.set(replace(SETUP, model="ollama:llama3"))
+    asked(console, ANSWERED)
+    assert primary() == "assistant_say"
+    asked(console, replace(ANSWERED, detail="The answer is cut off: the server's filter stopped it."))
+    assert primary() == "assistant_edit"
+    console.state.assistant_setup.set(replace(SETUP, model="embedded"))
+    asked(console, replace(ANSWERED, answer="Hello, I'm here."))
+    assert primary() == "assistant_edit", "the model for practice continues the question"
 
 
 def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
