@@ -42,6 +42,8 @@ def _rehearse(scenario: str, out: Path, *, sentences: int = 3, seconds: int = 0,
     program = (*tracer, sys.executable, "-m", "tests.support.run_module", "tests.app.watched_rehearsal")
     # As from a terminal: the program itself must set the switches against telemetry.
     environment = {name: value for name, value in os.environ.items() if name not in SWITCHES}
+    # A session bus that is started on demand never ends, and the tracer waits for it.
+    environment.setdefault("DBUS_SESSION_BUS_ADDRESS", "disabled:")
     done = subprocess.run(
         [*program, out.with_suffix(".samples"), str(sentences), scenario, "--out", out, "--seconds", str(seconds)],
         capture_output=True,
