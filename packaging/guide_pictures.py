@@ -95,6 +95,7 @@ class Pictures:
         for _ in range(2):
             console.do(intents.NextStep())
         yield lambda: console.state.protocol.value.title == "Greet" and console.state.frame.freshness == "fresh"
+        window.hold.escape_pressed.emit()  # closes the note on its session
         self._take("small-screen", window.rect())
         choices = self._run.window.findChild(QAbstractButton, "strip_branch")
         assert choices is not None  # noqa: S101 - a part of every window
