@@ -213,7 +213,8 @@ def test_an_hour_stays_quick(qtbot: QtBot, panel: ConversationPanel, console: Fa
         panel.view.verticalScrollBar().setValue(number * 37 % 50_000)
         panel.view.viewport().repaint()
 
-    assert in_yardsticks(another) < 12
+    # About 9 alone, 14 beside three other tests on two cores; to lay all turns out again takes hundreds.
+    assert in_yardsticks(another) < 20
 
 
 def test_words_are_corrected_in_place_by_keyboard_alone(
