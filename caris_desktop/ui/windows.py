@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
@@ -239,7 +239,9 @@ class SessionWindows(_Windows):
 
         self._start.begin.connect(self._on_begin)
         self._start.finished.connect(self._on_start_finished)
-        self._start.open()
+        dialog.setWindowModality(Qt.WindowModality.WindowModal)
+        dialog.resize(dialog.sizeHint())
+        bring_up(dialog)
         console.check_before_recording(know)
 
     def record_next_part(self) -> None:

@@ -4,7 +4,7 @@ import dataclasses
 import sys
 
 import pytest
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
@@ -210,6 +210,16 @@ def test_a_dialog_releases(window: MainWindow, view: QWidget, console: FakeConso
     dialog = find(window, "start_dialog")
     QTest.keyPress(dialog, Qt.Key.Key_S, ALT)
     assert drives(console) == [(1, 0)]
+    dialog.close()
+
+
+def test_start_recording_leaves_the_red_button_free(window: MainWindow) -> None:
+    """At 1366x768 it lay over half of the button, whose copy the dialog owns."""
+    window.setGeometry(0, 0, 640, 500)
+    window.sessions.open_start_dialog()
+    dialog, red = find(window, "start_dialog"), find(window, "emergency_stop")
+    assert dialog.windowModality() == Qt.WindowModality.WindowModal
+    assert not dialog.geometry().intersects(QRect(red.mapToGlobal(QPoint()), red.size()))
     dialog.close()
 
 
