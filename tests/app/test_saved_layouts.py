@@ -86,7 +86,7 @@ def test_text_added_to_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: Qt
     assert panels_in(load_scenario(own).layout) == ("video", "session")
 
 
-@pytest.mark.logs(r"app\.saved_layouts: ")
+@pytest.mark.logs(r"app\.user_settings: ")
 @pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
 @pytest.mark.long
 def test_broken_settings_undo_nothing(run: ConsoleRun, qtbot: QtBot, kept: str) -> None:
