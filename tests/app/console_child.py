@@ -7,6 +7,7 @@ NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``,
 virtual gamepad), ``quit``. It prints a JSON line whenever the displayed state changes.
 """
 
+import contextlib
 import json
 import os
 import sys
@@ -63,6 +64,9 @@ class Driver(StateReporter):
         elif word == "mark":
             self._run.console.do(intents.Mark(rest))
         elif word == "open":
+            # As after the wizard's confirmation of the file's references; the console itself reports a wrong file.
+            with contextlib.suppress(composition.StartError):
+                composition.find_scenario(rest, accept_named=True)
             self._run.console.do(intents.OpenScenario(Path(rest)))
         elif word == "say":
             self._run.console.do(intents.Say(line.partition(" ")[2], "typed"))
