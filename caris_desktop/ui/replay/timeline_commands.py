@@ -23,7 +23,7 @@ from caris_desktop.ui.replay.timeline_items import (
     vocabulary_named,
 )
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.inputs import CommandLineEdit
+from caris_desktop.ui.widgets.inputs import KeyCommandEdit
 from caris_desktop.ui.widgets.labels import named
 from caris_desktop.ui.widgets.popups import FloatingCard
 
@@ -391,7 +391,7 @@ class LabelCard(FloatingCard):
         self._entries: tuple[VocabularyEntry, ...] | None = None
         self._before = ""
         self._done = True
-        self.field = CommandLineEdit(_card_key, maxLength=10_000, commanded=self._on_key, left=self._on_left)
+        self.field = KeyCommandEdit(_card_key, maxLength=10_000, commanded=self._on_key, left=self._on_left)
         named(self.field, "label_field", tr("Label of the annotation"))
         self.field.setMinimumSize(240, 32)
         self.field.textEdited.connect(self._on_text_edited)

@@ -50,7 +50,7 @@ from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.inputs import CheckBox, CommandLineEdit, DropDown
+from caris_desktop.ui.widgets.inputs import CheckBox, DropDown, KeyCommandEdit
 from caris_desktop.ui.widgets.labels import KeyCap, named, restyle
 
 _MORE_PX = 104
@@ -399,7 +399,7 @@ class KeyField(TextField):
     """Key combination, entered by pressing it."""
 
     def make_input(self) -> QLineEdit | Prose:
-        line = CommandLineEdit(_combination, placeholderText=tr("Press a key"), maximumWidth=170)
+        line = KeyCommandEdit(_combination, placeholderText=tr("Press a key"), maximumWidth=170)
         line.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         line.commanded.connect(partial(self.document.set, self.path))
         return line

@@ -48,7 +48,7 @@ class SubmitLineEdit(QLineEdit):
             event.accept()
 
 
-class CommandLineEdit(QLineEdit):
+class KeyCommandEdit(QLineEdit):
     """Field in which some keys are commands of its owner: ``command_of`` returns theirs, and something false for all
     other keys.
     """
