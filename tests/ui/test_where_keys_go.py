@@ -734,6 +734,8 @@ class Walk:
             may = self._may_be_asked(seen)
             for console in consoles:
                 console.calls.clear()
+            if number and isinstance(field := focused_widget(), QLineEdit):
+                field.selectAll()  # replaced by the next sentence: each key is checked with the whole text
             type_on(" ".join(self._chance.sample(WORDS, 5)))
             self.opened.settle()
             found = {name for console in consoles for name in asked(console)} - may
