@@ -95,8 +95,8 @@ class Announcement(QWidget):
 
 
 class Announcements(QObject):
-    """Announces events without a widget of their own: goal reached, stop released, recording started, another wizard's
-    actions. Popups and banners announce themselves.
+    """Announces events without a widget of their own: goal reached, stop released, recording started, photo taken,
+    another wizard's actions. Popups and banners announce themselves.
     """
 
     def __init__(self, window: QWidget, console: WizardConsole) -> None:
@@ -113,7 +113,10 @@ class Announcements(QObject):
                 announces = not latched  # the emergency banner announces the stop
             case events.LinkChanged(state=state):
                 announces = state == "connected"
-            case events.GoalChanged() | events.SessionStarted() | events.SessionEnded() | events.RecordingPaused():
+            case (
+                events.GoalChanged() | events.SessionStarted() | events.SessionEnded() | events.RecordingPaused()
+                | events.PhotoTaken() | events.PersonRenamed() | events.Marked()
+            ):  # fmt: skip
                 announces = True
             case _:
                 announces = False

@@ -15,6 +15,7 @@ from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
 from caris_desktop.ui import layouts, text_formatting
+from caris_desktop.ui.accessibility import announce
 from caris_desktop.ui.event_messages import checks_summary, open_checks
 from caris_desktop.ui.form_dialog import FormDialog, resize_to
 from caris_desktop.ui.preflight_list import PreflightList
@@ -201,6 +202,8 @@ class StartDialog(FormDialog):
     def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
         """Name the checks that are not passed."""
         waits = any(check.asks_first for check in checks)
+        if waits and self._question.isHidden():
+            announce(self, open_checks(checks))
         self._question.setText(open_checks(checks) if waits else "")
         self._question.setVisible(waits)
         if waits:

@@ -11,7 +11,15 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import OTHER_WIZARD, WIZARD
-from caris_desktop.domain.events import ANSWER, EmergencyStopChanged, GoalChanged, PlacesChanged, Problem
+from caris_desktop.domain.events import (
+    ANSWER,
+    EmergencyStopChanged,
+    GoalChanged,
+    Marked,
+    PhotoTaken,
+    PlacesChanged,
+    Problem,
+)
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, DriveStatus
 from caris_desktop.ui.accessibility import KEPT_MS, Announcement
@@ -116,8 +124,11 @@ def test_goals_are_announced_and_actions_of_another_wizard(window: MainWindow, c
     console.state.add(GoalChanged(at, "g1", "reached", here, "Kitchen", actor=WIZARD))
     console.state.add(PlacesChanged(at, "Door", here, actor=WIZARD))
     assert announced(window) == ["Arrived at Kitchen"], "a place that this wizard saves is no news"
+    console.state.add(PhotoTaken(at, "front", 1, "photos/0001.png", actor=WIZARD))
+    console.state.add(Marked(at, "Slip", actor=WIZARD))
     console.state.add(PlacesChanged(at, "Door", here, actor=f"{OTHER_WIZARD}Ana"))
-    assert announced(window)[1:] == ["Place Door saved · by wizard Ana"]
+    assert announced(window)[1:3] == ["Photo taken (0001.png)", "Marked: Slip"]
+    assert announced(window)[3:] == ["Place Door saved · by wizard Ana"]
 
 
 def test_an_announcement_goes_and_shows_nothing(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:

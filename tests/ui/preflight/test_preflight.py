@@ -180,12 +180,14 @@ def dialog(qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole) ->
     return Dialog(qtbot, theme, window, console)
 
 
+@pytest.mark.usefixtures("screen_reader")
 def test_failed_checks_are_asked_about_once(dialog: Dialog) -> None:
     dialog.start()
     assert dialog.begun == []
     asked = find(dialog.dialog, "start_asked")
     assert isinstance(asked, QLabel)
     assert "“Emergency stop is released”, “Consent form signed”" in asked.text()
+    assert find(dialog.dialog, "announcement").accessibleName() == asked.text()
     dialog.start()
     assert dialog.begun == [(TrialDetails(participant="P1"), True)]
 
