@@ -544,6 +544,18 @@ def test_enter_says_the_line_and_empties_the_field(window: MainWindow, console: 
 
 
 @pytest.mark.panels("speak")
+def test_shift_enter_begins_a_line_and_says_nothing(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClicks(field, "Over there")
+    QTest.keyClick(field, Qt.Key.Key_Return, Qt.KeyboardModifier.ShiftModifier)
+    QTest.keyClicks(field, "is our robot arm.")
+    assert console.calls == [] and field.property("text") == "Over there\nis our robot arm."
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("say", ("Over there is our robot arm.", "typed"))]
+
+
+@pytest.mark.panels("speak")
 def test_arrow_keys_bring_earlier_lines_back(window: MainWindow) -> None:
     field = find(window, "speak_field")
     field.setFocus()
