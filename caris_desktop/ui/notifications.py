@@ -300,8 +300,6 @@ class NotificationPopup(Popup):
         if folded != self._only_called:
             self._only_called = folded
             self._show_text()
-            self._row.invalidate()
-            self.updateGeometry()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._only_called:
@@ -332,6 +330,10 @@ class NotificationPopup(Popup):
         said = [text for text in texts if text]
         self.setToolTip("\n".join(said) if self._only_called else "")
         self.setAccessibleName(f"{tr(word)}: {' '.join(said)}")
+        # Both layouts keep the height of the former texts until the next event; the popup is placed before it.
+        self._text.invalidate()
+        self._row.invalidate()
+        self.updateGeometry()
 
 
 def _as_problem(alarm: Alarm) -> Problem:
