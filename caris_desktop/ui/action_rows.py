@@ -439,6 +439,8 @@ _window = partial(ActionSpec, group=WINDOW_GROUP)
 _replay = partial(ActionSpec, group=QT_TR_NOOP("Replay"))
 _timeline = partial(ActionSpec, group=_TIMELINE_GROUP, within="timeline")
 
+_SPEED = QT_TR_NOOP("speed")
+
 ACTIONS: tuple[ActionSpec, ...] = (
     _safety("stop", QT_TR_NOOP("Stop the robot"), "hand-palm", ("Esc",), intent=intents.Stop()),
     _safety("emergency_stop", QT_TR_NOOP("Emergency stop"), "warning-octagon", ("Esc, Esc", "Pause"),
@@ -452,9 +454,9 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _held(_DRIVING_HOLD_GROUP, "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C",
           needs=attrgetter("holonomic")),
     _driving("slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
-             by_position=True),
+             by_position=True, also=_SPEED),
     _driving("faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,
-             by_position=True),
+             by_position=True, also=_SPEED),
     _held(_HEAD_HOLD_GROUP, "look_up", QT_TR_NOOP("Look up"), "caret-up", "I", needs=has_head),
     _held(_HEAD_HOLD_GROUP, "look_down", QT_TR_NOOP("Look down"), "caret-down", "K", needs=has_head),
     _held(_HEAD_HOLD_GROUP, "look_left", QT_TR_NOOP("Look left"), "caret-left", "J", needs=has_head),
@@ -556,7 +558,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _session("preflight", QT_TR_NOOP("Preflight checks"), "clipboard-text", ("Ctrl+Shift+C",),
              also=QT_TR_NOOP("preflight checklist ready"), callback="show_preflight"),
     _session("set_up", QT_TR_NOOP("Set up robot, camera, sound and language model"), "wrench",
-             also=QT_TR_NOOP("help settings microphone begin welcome connect"), callback="show_set_up"),
+             also=QT_TR_NOOP("help settings preferences microphone begin welcome connect"), callback="show_set_up"),
     _window("layout_undo", QT_TR_NOOP("Undo the last layout change"), "arrow-u-up-left", ("Ctrl+Shift+D",),
             callback="undo_layout"),
     _window("shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), common=True,
@@ -576,8 +578,10 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
             argument=("utterance", -1)),
     _replay("next_utterance", QT_TR_NOOP("Next utterance"), "chat-text", ("Ctrl+Shift+Right",), callback="jump",
             argument=("utterance", 1)),
-    _replay("replay_slower", QT_TR_NOOP("Play slower"), "minus", ("<",), callback="change_rate", argument=-1),
-    _replay("replay_faster", QT_TR_NOOP("Play faster"), "plus", (">",), callback="change_rate", argument=1),
+    _replay("replay_slower", QT_TR_NOOP("Play slower"), "minus", ("<",), callback="change_rate", argument=-1,
+            also=_SPEED),
+    _replay("replay_faster", QT_TR_NOOP("Play faster"), "plus", (">",), callback="change_rate", argument=1,
+            also=_SPEED),
 )  # fmt: skip
 """Rows that a replay adds. Keys without Ctrl or Alt never take input from a text field."""
 

@@ -176,7 +176,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         dialog.show()
 
     def _on_start(self) -> None:
-        out = Path(self._folder.text().strip()).expanduser()
+        out = Path(self._folder.text().strip()).expanduser().absolute()
         self._mine = True
         self._out = out
         # Move the focus off the widgets that are disabled now, or it would wander through the list.

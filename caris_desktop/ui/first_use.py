@@ -190,8 +190,9 @@ class DriveHint(Banner):
         if text != self.text.text():
             self.say(text)
         if self._waits:
-            state = self._console.state.drive.value
-            self.setVisible(self._console.scenario.permissions.driving and not state.emergency_stop)
+            state = self._console.state
+            hindered = state.drive.value.emergency_stop or state.link.value.state == "lost"  # which is shown larger
+            self.setVisible(self._console.scenario.permissions.driving and not hindered)
 
 
 _BUTTON_PX = 30

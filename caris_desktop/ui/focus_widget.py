@@ -30,7 +30,17 @@ def focus_widget(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.Shortc
     Floating panels are windows of their own, and a focused widget in an inactive window receives no keys.
     """
     widget.setFocus(reason)
+    scroll_to(widget)
     activate_window(window_of(widget))
+
+
+def scroll_to(widget: QWidget) -> None:
+    """Scroll all scroll areas around the widget so that it is visible."""
+    holder = widget.parentWidget()
+    while holder is not None and not holder.isWindow():
+        if isinstance(holder, QScrollArea) and holder.isAncestorOf(widget):
+            holder.ensureWidgetVisible(widget)
+        holder = holder.parentWidget()
 
 
 def application() -> QApplication:
@@ -164,11 +174,7 @@ def move_focus(window: QWidget, *, forward: bool) -> bool:
     at = stops.index(focused) if focused is not None and focused in stops else -1 if forward else 0
     target = stops[(at + (1 if forward else -1)) % len(stops)]
     target.setFocus(Qt.FocusReason.TabFocusReason if forward else Qt.FocusReason.BacktabFocusReason)
-    holder = target.parentWidget()
-    while holder is not None and holder is not window:
-        if isinstance(holder, QScrollArea) and holder.isAncestorOf(target):
-            holder.ensureWidgetVisible(target)
-        holder = holder.parentWidget()
+    scroll_to(target)
     return True
 
 

@@ -53,6 +53,7 @@ class GuideBrowser(QTextBrowser):
 
     def _show_heading(self, page: QUrl) -> None:
         """Scroll to the heading of the link; Qt's Markdown has no anchors and no space around headings."""
+        self.document().documentLayout().documentSize()  # format changes in an unfinished layout hide paragraphs
         block, heading = self.document().begin(), None
         while block.isValid():
             if block.blockFormat().headingLevel():

@@ -3,6 +3,7 @@ what to do; and the list of active alarms. Never a modal dialog.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QMouseEvent
@@ -175,7 +176,7 @@ class NotificationPopups(InSight):
         problem = gravest(self._cards).problem if self._cards and place is None else None
         self.line.show_problem(problem, len(self._cards), opened=self._open_requested)
         if place is None and self._open_requested:
-            place = in_the_corner(self._over.rect(), self._height_for)
+            place = in_the_corner(self._seen_part(), self._height_for)
         self.setVisible(place is not None)
         if place is None:
             return
@@ -202,7 +203,17 @@ class NotificationPopups(InSight):
         taken += [window.place_in(self._over) for window in windows_above(self._over.window())]
         parts = [part for kind in _CONTROLS for part in self._over.findChildren(kind)]
         controls = [part for part in parts if part.isVisible() and not self.isAncestorOf(part)]
-        return card_place(self._over.placing.groups, self._height_for, taken, self._places_of(controls))
+        seen = self._seen_part()
+        groups = [
+            replace(group, rect=group.rect & seen) for group in self._over.placing.groups if group.rect.intersects(seen)
+        ]
+        return card_place(groups, self._height_for, taken, self._places_of(controls))
+
+    def _seen_part(self) -> QRect:
+        """Part of the panels that is not scrolled out of view, as in a replay."""
+        around = self._over.parentWidget()
+        seen = around.rect() if around is not None else self._over.rect()
+        return seen.translated(-self._over.pos()) & self._over.rect()
 
     def _places_of(self, parts: Iterable[QWidget]) -> list[QRect]:
         return [QRect(self._over.mapFromGlobal(part.mapToGlobal(QPoint())), part.size()) for part in parts]
@@ -289,8 +300,6 @@ class NotificationPopup(Popup):
         if folded != self._only_called:
             self._only_called = folded
             self._show_text()
-            self._row.invalidate()
-            self.updateGeometry()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._only_called:
@@ -321,6 +330,10 @@ class NotificationPopup(Popup):
         said = [text for text in texts if text]
         self.setToolTip("\n".join(said) if self._only_called else "")
         self.setAccessibleName(f"{tr(word)}: {' '.join(said)}")
+        # Both layouts keep the height of the former texts until the next event; the popup is placed before it.
+        self._text.invalidate()
+        self._row.invalidate()
+        self.updateGeometry()
 
 
 def _as_problem(alarm: Alarm) -> Problem:

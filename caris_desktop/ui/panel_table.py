@@ -21,7 +21,7 @@ class PanelSpec(Value):
     it. ``neighbours``: a panel outside the
     scenario's layout opens in a tab with the first of these that is open. Without ``permission`` the panel is absent,
     whatever the layout says. ``library``: module that takes longer to import than a turn of the event loop may take;
-    the panel is created once it is imported in the background.
+    the panel is created once it is imported in the background. ``also``: other words that find it in the palette.
     """
 
     name: PanelName
@@ -30,6 +30,7 @@ class PanelSpec(Value):
     neighbours: tuple[PanelName, ...]
     permission: Permission | None = None
     library: str = ""
+    also: str = ""
 
     @property
     def ready(self) -> bool:
@@ -80,9 +81,10 @@ class _PanelTable(dict[PanelName, PanelSpec]):
 _PLOTS = "pyqtgraph"
 
 _ROWS = (
-    PanelSpec("video", QT_TR_NOOP("Video"), "video-camera", ("map", "people")),
+    PanelSpec("video", QT_TR_NOOP("Video"), "video-camera", ("map", "people"), also=QT_TR_NOOP("camera picture")),
     PanelSpec("map", QT_TR_NOOP("Map"), "map-trifold", ("people", "session", "drive"), library=_PLOTS),
-    PanelSpec("drive", QT_TR_NOOP("Drive"), "game-controller", ("map", "people", "session"), "driving"),
+    PanelSpec("drive", QT_TR_NOOP("Drive"), "game-controller", ("map", "people", "session"), "driving",
+              also=QT_TR_NOOP("joystick speed")),
     PanelSpec("people", QT_TR_NOOP("People"), "users", ("session", "drive", "map")),
     PanelSpec("speak", QT_TR_NOOP("Speak"), "chat-text", ("assistant",), "speech"),
     PanelSpec("conversation", QT_TR_NOOP("Conversation"), "chats", ("assistant", "people", "session", "map")),
@@ -94,7 +96,7 @@ _ROWS = (
     PanelSpec("face", QT_TR_NOOP("Robot’s face"), "smiley", ("people", "session", "map"), "face"),
     PanelSpec("notes", QT_TR_NOOP("Notes"), "note-pencil", ("session", "people", "conversation", "map"), "notes"),
     PanelSpec("diagnostics", QT_TR_NOOP("Diagnostics"), "gauge", ("session", "people", "assistant", "drive", "map")),
-)
+)  # fmt: skip
 PANELS: Mapping[PanelName, PanelSpec] = _PanelTable({spec.name: spec for spec in _ROWS})
 
 

@@ -568,12 +568,12 @@ def _state(step_id: str, status: ProtocolStatus) -> StepState:
 
 
 def time_words(status: ProtocolStatus, now_ns: int) -> str:
-    """Elapsed, expected and late time of the current step."""
+    """Elapsed and expected time of the current step, and the time over it."""
     return _planned_and_actual(status.elapsed_s(now_ns), status.expected_s, status.late_s(now_ns))
 
 
 def record_words(record: "StepRecord") -> str:
-    """Recorded, planned and late time of a step in a session."""
+    """Recorded and planned time of a step in a session, and the time over it."""
     if not record.visits:
         return tr("not started")
     words = _planned_and_actual(record.time_s, record.expected_s, record.late_s)
@@ -587,8 +587,8 @@ def _planned_and_actual(actual_s: float, expected_s: float, late_s: float) -> st
         return duration(actual_s)
     if late_s < LATE_FROM_S:
         return tr("{elapsed} of {expected}").format(elapsed=duration(actual_s), expected=duration(expected_s))
-    return tr("{elapsed} of {expected} · {late} late").format(
-        elapsed=duration(actual_s), expected=duration(expected_s), late=duration(late_s)
+    return tr("{elapsed} of {expected} · {excess} over").format(
+        elapsed=duration(actual_s), expected=duration(expected_s), excess=duration(late_s)
     )
 
 

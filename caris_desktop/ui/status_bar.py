@@ -249,7 +249,7 @@ class StatusBar(Bar, InSight):
         )  # fmt: skip
         self.items = {name: StatusItem(theme, f"status_{name}") for name in names}
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        row = layouts.hbox(self, *first, news, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
+        row = self._row = layouts.hbox(self, *first, news, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._news = news
         news.words_changed.connect(self._fit)
         for name, item in self.items.items():
@@ -410,6 +410,7 @@ class StatusBar(Bar, InSight):
             item.use_room(item.full_px - gives_px)
             missing_px -= gives_px
         self._news.use_room(max(_NEWS_PX[0], news_px - missing_px))
+        self._row.activate()  # before the next painting, which would show the new items over the old places
 
     def _say_motion(self) -> None:
         state, motion = self._console.state, self._motion

@@ -172,3 +172,19 @@ def test_search_continues_at_the_top_after_the_last_find(qtbot: QtBot, window: M
         assert help_window.browser.textCursor().selectedText().lower() == "find anything"
         found.add(help_window.browser.textCursor().position())
     assert found
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in guide_dir().glob("*.md")))
+def test_each_paragraph_of_a_page_has_its_room(qtbot: QtBot, page: str) -> None:
+    browser = GuideBrowser()
+    qtbot.addWidget(browser)
+    browser.resize(860, 640)
+    browser.show()
+    browser.setSource(QUrl.fromLocalFile(str(guide_dir() / page)), QTextDocument.ResourceType.MarkdownResource)
+    layout, block = browser.document().documentLayout(), browser.document().begin()
+    hidden = []
+    while block.isValid():
+        if block.text() and layout.blockBoundingRect(block).height() < 1:
+            hidden.append(block.text())
+        block = block.next()
+    assert not hidden

@@ -239,6 +239,18 @@ def test_names_of_people_and_places_never_lie_on_one_another(
         assert not labels[one].intersects(labels[other]), (one, other)
 
 
+def test_the_place_under_the_robot_is_named_beside_it(panel: MapPanel, console: FakeConsole) -> None:
+    panel.view.resize(900, 700)
+    pose = panel.view.map_state.pose
+    assert pose is not None
+    console.state.places.set((Place("Door", Pose2D(pose.x_m + 0.1, pose.y_m, 0.0)),))
+    panel.view.grab()
+    robot = panel.view.to_view(pose.x_m, pose.y_m)
+    name = panel.view.map_items.labels()["Door"]
+    assert not name.adjusted(-10, -10, 10, 10).contains(robot)
+    assert name.adjusted(-40, -40, 40, 40).contains(robot)
+
+
 def test_the_name_of_a_person_covers_no_place(panel: MapPanel, console: FakeConsole) -> None:
     panel.view.resize(900, 700)
     console.state.places.set((Place("Door", Pose2D(3.0, 2.0, 0.0)),))

@@ -133,6 +133,24 @@ def test_a_lost_robot_is_not_waited_for_in_silence(window: MainWindow, console: 
     assert view.grab().toImage() != waiting
 
 
+@pytest.mark.panels("video", "map")
+def test_a_lost_link_is_said_once_on_the_picture_and_nowhere_on_the_map(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    panel, view = video(window)
+    console.state.clear_robot_streams()
+    console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))
+    console.state.drive.set(DriveStatus(False, "Not connected to the robot"))
+    panel._refresh()
+    chips = [text for text, _role in view.chips]
+    assert "No link" in chips and not any("Driving is off" in text for text in chips)
+    assert view.words_without_picture() == ("No picture", "The robot is out of reach. The console keeps trying.")
+    map_panel = window.panels["map"]
+    map_panel._refresh()  # type: ignore[attr-defined]
+    assert map_panel.view.map_state.waiting == "No map"  # type: ignore[attr-defined]
+    assert map_panel.fact[0] == ""
+
+
 @pytest.mark.panels("video")
 def test_only_a_late_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
     panel, _ = video(window)
@@ -541,6 +559,18 @@ def test_enter_says_the_line_and_empties_the_field(window: MainWindow, console: 
     assert field.property("text") == ""
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert len(console.calls) == 1
+
+
+@pytest.mark.panels("speak")
+def test_shift_enter_begins_a_line_and_says_nothing(window: MainWindow, console: FakeConsole) -> None:
+    field = find(window, "speak_field")
+    field.setFocus()
+    QTest.keyClicks(field, "Over there")
+    QTest.keyClick(field, Qt.Key.Key_Return, Qt.KeyboardModifier.ShiftModifier)
+    QTest.keyClicks(field, "is our robot arm.")
+    assert console.calls == [] and field.property("text") == "Over there\nis our robot arm."
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert console.calls == [("say", ("Over there is our robot arm.", "typed"))]
 
 
 @pytest.mark.panels("speak")

@@ -228,8 +228,8 @@ def test_what_a_step_says_is_read_on_its_button(desk: Desk) -> None:
 def test_time_is_reported_in_words_and_late_in_words_and_colour() -> None:
     status = ProtocolStatus("ask", "Ask", 2, 4, since_ns=0, expected_s=90.0)
     assert [time_words(status, round(s * 1e9)) for s in (0, 42, 90.4, 91, 170, 3700)] == [
-        "0:00 of 1:30", "0:42 of 1:30", "1:30 of 1:30", "1:31 of 1:30 · 0:01 late", "2:50 of 1:30 · 1:20 late",
-        "1:01:40 of 1:30 · 1:00:10 late",
+        "0:00 of 1:30", "0:42 of 1:30", "1:30 of 1:30", "1:31 of 1:30 · 0:01 over", "2:50 of 1:30 · 1:20 over",
+        "1:01:40 of 1:30 · 1:00:10 over",
     ]  # fmt: skip
     assert time_words(dataclasses.replace(status, expected_s=0.0), 125_000_000_000) == "2:05"
     assert duration(3723) == "1:02:03"
@@ -247,9 +247,9 @@ def test_a_step_that_is_late_says_so_on_its_pill(desk: Desk, monkeypatch: pytest
         shown.append(next(step for step in desk.strip.pills.shown if step.number == 2))
     assert [(step.text, step.state) for step in shown] == [
         ("2 Ask questions · 0:20 of 0:30", "now"),
-        ("2 Ask questions · 1:50 of 0:30 · 1:20 late", "late"),
+        ("2 Ask questions · 1:50 of 0:30 · 1:20 over", "late"),
     ]
-    assert shown[1].words == "Step 2, Ask questions: now, 1:50 of 0:30 · 1:20 late"
+    assert shown[1].words == "Step 2, Ask questions: now, 1:50 of 0:30 · 1:20 over"
     pill = find(desk.strip, "step_2")
     assert pill.accessibleName() == shown[1].words
     amber = desk.window.theme.color("amber_soft").rgb()
@@ -436,7 +436,7 @@ def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Sc
     QTest.mouseClick(find(desk.strip, "step_4"), Qt.MouseButton.LeftButton)
     rows = [row for row in desk.window.findChildren(ActionButton) if row.objectName().startswith("step_row_")]
     assert [row.text().partition(" · ")[2] for row in rows] == [
-        "1:15 of 1:00 · 0:15 late", "0:20 of 0:30 · skipped · started 2 times", "not started", "2:05",
+        "1:15 of 1:00 · 0:15 over", "0:20 of 0:30 · skipped · started 2 times", "not started", "2:05",
     ]  # fmt: skip
     QTest.mouseClick(rows[1], Qt.MouseButton.LeftButton)
     QTest.mouseClick(find(desk.strip, "step_3"), Qt.MouseButton.LeftButton)

@@ -235,3 +235,22 @@ def test_on_a_small_screen_the_timeline_is_a_drawer(qtbot: QtBot, window: MainWi
     QApplication.processEvents()
     assert panels.isVisible() and canvas.isVisible()
     assert not window.findChild(QWidget, drawer).isVisible()  # type: ignore[union-attr]
+
+
+@pytest.mark.panels()
+def test_messages_and_the_field_that_gets_the_keys_are_in_view(qtbot: QtBot, window: MainWindow) -> None:
+    panels = find(window, "replay_panels")
+    assert isinstance(panels, QScrollArea)
+    bar, cards = panels.verticalScrollBar(), window.problems
+    assert bar.maximum() > 100
+    cards.notify("This is a replay.", "Nothing is said.", "Use the console.")
+    for scrolled in (0, bar.maximum()):
+        bar.setValue(scrolled)
+        QApplication.processEvents()
+        place = QRect(cards.mapTo(panels.viewport(), QPoint()), cards.size())
+        in_line = cards.line.isVisible() and not cards.isVisible()
+        assert in_line or panels.viewport().rect().contains(place), scrolled
+    window.actions_table.run("find_said")
+    field = QApplication.focusWidget()
+    assert field is not None
+    assert panels.viewport().rect().contains(QRect(field.mapTo(panels.viewport(), QPoint()), field.size()))

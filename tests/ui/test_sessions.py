@@ -549,6 +549,12 @@ def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     assert find(dialog, "export_what").property("text") == "Cancelled. Nothing was saved."
 
 
+def test_the_folder_of_a_typed_name_is_known(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
+    find(dialog, "export_folder").setProperty("text", "out")
+    click(qtbot, find(dialog, "export_start"))
+    assert library.named("start_export")[0][2] == Path.cwd() / "out", "as the message after it names it"
+
+
 def test_csv_files_are_written_as_chosen(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
     for name in ("export_plain_csv", "export_csv_bom"):
         click(qtbot, find(dialog, name))

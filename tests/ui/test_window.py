@@ -413,6 +413,19 @@ def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> 
     assert isinstance(find(window, "status_link"), StatusItem)
 
 
+def test_a_new_item_of_the_status_bar_never_lies_on_another(window: MainWindow, console: FakeConsole) -> None:
+    bar = window.status_bar
+    window.resize(1366, 768)
+    QApplication.processEvents()
+    for words in ("", "video delayed 0.5 s"):
+        bar.items["video"].say(words, "amber")
+        bar.items["load"].say("busy: people detection much less often, video and panels slower" * 2, "amber")
+        bar._fit()
+        places = [item.geometry() for item in bar.items.values() if item.isVisible()]
+        assert all(left.right() < right.left() for left, right in itertools.pairwise(places)), words
+        assert places[-1].right() < bar.width(), words
+
+
 def test_every_control_has_a_name_for_screen_readers(window: MainWindow) -> None:
     nameless = [
         button.objectName() or repr(button)

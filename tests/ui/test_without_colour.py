@@ -93,7 +93,7 @@ def test_steps_of_the_protocol(qtbot: QtBot, shown_theme: Theme) -> None:
     pill.resize(260, 30)
     images, names = {}, {}
     for state, time in (
-        ("done", ""), ("skipped", ""), ("now", "0:40 of 2:00"), ("late", "2:40 of 2:00 · 0:40 late"), ("ahead", ""),
+        ("done", ""), ("skipped", ""), ("now", "0:40 of 2:00"), ("late", "2:40 of 2:00 · 0:40 over"), ("ahead", ""),
     ):  # fmt: skip
         pill.show_step(DisplayedStep("greet", 1, "Greet", state, time))  # type: ignore[arg-type]
         images[state], names[state] = grabbed(pill, pill.rect()), pill.accessibleName()

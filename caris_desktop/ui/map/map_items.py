@@ -293,6 +293,7 @@ _BESIDE_A_FLAG = (
     (11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0),
     (-9.0, 0.0, -31.0), (9.0, 1.0, -31.0), (-9.0, 0.0, 11.0), (9.0, 1.0, 11.0),
 )  # fmt: skip
+_BESIDE_THE_ROBOT = ((18.0, 0.0, -10.0), (-18.0, 1.0, -10.0), (0.0, 0.5, -38.0), (0.0, 0.5, 18.0))
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
 
 
@@ -559,12 +560,17 @@ class MapItems:
         at = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in places}
         taken = [_around(point, _MARK_PX) for point in at.values()]
         width_of = {name: metrics.horizontalAdvance(name) + 8 for name in at}
-        taken += self._robot_rect()
+        robot = self._robot_rect()
+        taken += robot
         for point, label in people:
             taken += [_around(point, 7)] if label is None else [_around(point, 7), label]
         going_to = state.goal.place if state.goal is not None else None
-        # Goal and hovered place are labelled first, then long names; a place without room keeps its flag.
-        order = sorted(at, key=lambda name: (name != going_to, name != state.hovered, -width_of[name]))
+        under_robot = {name for name, point in at.items() if robot and robot[0].contains(point)}
+        # Goal, hovered place and the robot's place are labelled first, then long names; a place without room keeps its
+        # flag, which the robot covers.
+        order = sorted(
+            at, key=lambda name: (name != going_to, name != state.hovered, name not in under_robot, -width_of[name])
+        )
         for name, mark in zip(order, _pool(self._places, len(order), self._over), strict=True):
             point, width = at[name], width_of[name]
             going = name == going_to
@@ -576,7 +582,10 @@ class MapItems:
             mark.show_flag(theme.color("green" if going else "text"))
             mark.ring.hide()
             mark.outer.hide()
-            room = self._free_room(point, width, taken, _BESIDE_A_FLAG)
+            if name in under_robot:
+                room = self._free_room(robot[0].center(), width, taken, _BESIDE_THE_ROBOT)
+            else:
+                room = self._free_room(point, width, taken, _BESIDE_A_FLAG)
             if room is None and (going or name == state.hovered):
                 left = min(max(4.0, point.x() - width / 2), self._box.width() - width - 4)
                 room = QRectF(left, point.y() - 32, width, 20)

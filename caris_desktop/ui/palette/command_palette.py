@@ -181,20 +181,20 @@ class Finder:
 
 def enter_runs_first(found: Sequence[PaletteItem], query: str) -> bool:
     """Whether Enter may run the first result. A guess must be chosen: "charge" is like the last change, which can be
-    undone. An item that acts needs its verb or, if ``by_name``, some letters of its name, and no other result may fit
-    as well.
+    undone. An item that acts or ends something needs its verb or, if ``by_name``, some letters of its name, and no
+    other result may fit as well.
     """
     first, *others = found
     words = f"{first.text} {first.kind} {first.also}".casefold()
     if any(word not in words for word in _meaningful(query)):
         return False
-    if not first.acts or not says_what_to_do(first, query):
+    if not (first.acts or first.ends) or not says_what_to_do(first, query):
         return says_what_to_do(first, query)
     fit, typed = _fit(first, query), _meaningful(query)
     if fit == 1 and _object_of(first, query) == typed and len(" ".join(typed)) < _LEAST_OF_A_NAME:
         return False
     rivals = (other for other in others if says_what_to_do(other, query))
-    return not any(_fit(other, query) >= (fit if other.acts else max(fit, 1)) for other in rivals)
+    return not any(_fit(other, query) >= (fit if other.acts or other.ends else max(fit, 1)) for other in rivals)
 
 
 def says_what_to_do(entry: PaletteItem, query: str) -> bool:

@@ -265,13 +265,19 @@ class PaletteEntries:
         possible = panels.possible()
         open_panels = [name for name in possible if panels.is_open(name)]
         for name in possible:
-            also = "" if name in open_panels else QT_TR_NOOP("add open show")
-            yield item(_PANEL, PANELS[name].title, PANELS[name].icon, partial(panels.open_and_focus, name), also)
+            also = "" if name in open_panels else tr("add open show")
+            yield item(
+                _PANEL, PANELS[name].title, PANELS[name].icon, partial(panels.open_and_focus, name),
+                f"{tr_filled(PANELS[name].also)} {also}",
+            )  # fmt: skip
         if locked:
             return
         for name in open_panels:
-            text = localized(QT_TR_NOOP("Close {panel}"), panel=PANELS[name].title)
-            yield item(_PANEL, text, "x", partial(panels.close, name), QT_TR_NOOP("hide remove"))
+            title = PANELS[name].title
+            yield item(
+                _PANEL, localized(QT_TR_NOOP("Close {panel}"), panel=title), "x", partial(panels.close, name),
+                QT_TR_NOOP("hide remove"), ends=True, named=tr(title),
+            )  # fmt: skip
         for name in open_panels:
             title = PANELS[name].title
             yield item(
@@ -327,7 +333,8 @@ class PaletteEntries:
         yield item(_DO, practise, "student", parts.practise, also)
         yield item(_WINDOW, connection, "wifi-high", self._show_connection)
         if parts.gamepad.offered:
-            yield item(_WINDOW, QT_TR_NOOP("Gamepad"), "game-controller", parts.gamepad.open)
+            also = QT_TR_NOOP("joystick controller")
+            yield item(_WINDOW, QT_TR_NOOP("Gamepad"), "game-controller", parts.gamepad.open, also)
 
     def _of_sessions(self) -> _Items:
         status, windows = self._state.recording.value, self._parts.sessions

@@ -463,13 +463,13 @@ class MapPanel(Panel):
             return
         state = self.state
         reachable = state.link.value.state in ("connected", "trouble")
-        waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
+        waiting = tr("Waiting for the map") if reachable else tr("No map")
         if not state.present.live:
             waiting = tr("No map recorded up to this moment")
         self.view.update_state(chips=self._chips(), waiting="" if self.tools.by_odometry else waiting)
         self._description.changed()
         text = ""  # the map has the age of an old scan
-        if state.scan.freshness == "none":
+        if state.scan.freshness == "none" and (reachable or not state.present.live):
             text = tr("no LIDAR yet") if state.present.live else tr("no LIDAR")
         elif state.scan.freshness == "fresh" and not state.scan.age_known:
             text = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan))

@@ -268,8 +268,7 @@ class VideoPanel(Panel):
         chips += ahead
         chips += self._hints()
         self.view.show_chips(chips)
-        linked = state.link.value.state in ("connected", "trouble")
-        self.view.show_lost_reason(tr("Drive with care.") if linked else tr("The robot is out of reach."))
+        self.view.show_lost_reason(tr("Drive with care.") if self._linked else tr("The robot is out of reach."))
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s, late=state.frame.arrives_late)
@@ -287,6 +286,10 @@ class VideoPanel(Panel):
         moving = "" if self.motion is None else tr(self.motion.sign.word)
         return sentences((video_description(self.view, self._seen.names), moving))
 
+    @property
+    def _linked(self) -> bool:
+        return self.state.link.value.state in ("connected", "trouble")
+
     def _hints(self) -> list[tuple[str, str]]:
         """Hints on how to drive, or why driving is refused."""
         drive: DriveStatus = self.state.drive.value
@@ -295,8 +298,8 @@ class VideoPanel(Panel):
             hints.append((self._note[0], "warning"))
         if self.table.spec("drive_forward") is None:
             return hints
-        if drive.emergency_stop:
-            return hints  # the banner says so
+        if drive.emergency_stop or not self._linked:
+            return hints  # the banner says so, or the words in place of the picture
         if not drive.allowed:
             off = tr("Driving is off: {reason}") if drive.reason else tr("Driving is off")
             hints.append((off.format(reason=tr(drive.reason)), "warning"))

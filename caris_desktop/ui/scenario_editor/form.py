@@ -771,6 +771,7 @@ class EntryRow(FormPart):
             fields = [field_for(self.context, self.path, self.form, compact=True)]
         self.parts = fields
         for field in fields:
+            field.texts = self.column  # an error below its own field would push that field out of the row
             narrow = kind_of(field.form) in (("number",) if keys else ("number", "choice"))
             self._head.addWidget(field, 0 if narrow else 1, _BOTTOM)
             if self._index or self._is_text:

@@ -74,10 +74,12 @@ _MOST_LINES = 4
 _BORDER_PX = 2  # of a focused field, in the style sheet
 _SIDE_PX = 12
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+_NOT_SENT_WITH = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
 
 
 class SpeakField(QPlainTextEdit):
-    """Enter says the text; it stays if ``say`` returns False. Up and Down step through the history.
+    """Enter says the text; it stays if ``say`` returns False. Shift+Enter begins a new line. Up and Down step through
+    the history.
 
     ``earlier``: history, oldest first; ``sentences``: candidates for completion. Tab accepts a visible completion,
     otherwise it moves the focus.
@@ -177,8 +179,7 @@ class SpeakField(QPlainTextEdit):
     # ---- keyboard
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
-        if event.key() in _ENTER and not with_ctrl:
+        if event.key() in _ENTER and not event.modifiers() & _NOT_SENT_WITH:
             if not event.isAutoRepeat():
                 self._send()
         elif event.key() == Qt.Key.Key_Up and self._stands_in_line(first=True) and not event.modifiers() & _WITH:

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication, QLabel, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import ANSWER, Problem
+from caris_desktop.live.status import Alarm
 from caris_desktop.ui import tokens
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import AlarmList
@@ -129,3 +130,15 @@ def test_the_list_shows_the_last_line_of_a_new_alarm(
         QApplication.processEvents()
         assert area.viewport().height() >= area.widget().heightForWidth(area.viewport().width())
         wrong(console, "Classes unknown to the detector: cake, and many others that nobody has ever heard of. " * 2)
+
+
+def test_a_popup_grows_with_what_its_alarm_has_caused(window: MainWindow, console: FakeConsole) -> None:
+    full = Alarm("disk", "disk", "error", "The disk is full.", "Only events are recorded.", "Free some disk space.", 1)
+    caused = ("The disk is filling up: 302 MB left.", "The disk is nearly full: 23 MB left, and then it is full.")
+    for count in (1, 2):
+        console.state.alarms.set((dataclasses.replace(full, folded=caused[:count]),))
+        QApplication.processEvents()
+    (card,) = window.problems.cards
+    texts = [label for label in card.findChildren(QLabel) if label.isVisible() and label.wordWrap()]
+    assert len(texts) == 4
+    assert [label.text() for label in texts if label.height() < label.heightForWidth(label.width())] == []

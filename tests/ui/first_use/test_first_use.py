@@ -242,6 +242,9 @@ def test_it_comes_once_automatically_and_later_when_it_is_requested(
     assert settings.values[SET_UP_KEY] == "done"
     hint = find(window, "drive_hint")
     assert hint.accessibleName() == "Connecting to the robot…"
+    assert hint.isVisible()
+    console.state.link.set(LinkStatus("lost", "Simulated robot"))
+    assert not hint.isVisible(), "an alarm says so"
     console.state.link.set(LinkStatus("connected", "Simulated robot"))
     window.focus_driving()
     assert hint.accessibleName() == "Hold W to drive, A or D to turn. Release the key to stop."

@@ -525,6 +525,21 @@ def test_enter_runs_no_guess_and_ends_no_recording_without_a_verb(window: MainWi
 
 
 @pytest.mark.panels("video", "speak", "map")
+def test_close_needs_the_name_of_a_panel(window: MainWindow, console: FakeConsole) -> None:
+    for typed in ("close", "clo", "hide", "remove", "close panel"):
+        entered(window, typed)
+        assert all(window.board.is_open(name) for name in ("video", "speak", "map")), typed
+    entered(window, "close map")
+    assert not window.board.is_open("map") and window.board.is_open("video")
+
+
+@pytest.mark.panels("video", "speak", "drive")
+@pytest.mark.parametrize(("typed", "found"), [("speed", "Faster"), ("joystick", "Drive"), ("camera", "Video")])
+def test_another_word_for_it_finds_it(window: MainWindow, console: FakeConsole, typed: str, found: str) -> None:
+    assert found in texts(palette_of(window, typed))
+
+
+@pytest.mark.panels("video", "speak", "map")
 def test_words_are_taken_as_they_stand_before_they_are_taken_apart(window: MainWindow, console: FakeConsole) -> None:
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True))
     window.open_panel("people")  # creates a change to save

@@ -120,6 +120,14 @@ def test_bad_input_is_refused_at_its_field_and_nothing_of_it_is_lost(
     assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").control
 
 
+def test_fields_of_a_row_stay_in_line_beside_an_error(editor: ScenarioEditor) -> None:
+    type_over(editor, "east", "places", 0, "x_m")
+    row = [field(editor, "places", 0, name).control for name in ("name", "x_m", "y_m")]
+    assert wrong(editor) == ["“x” must be a number, found 'east'."]
+    editor.grab()
+    assert len({control.mapTo(editor, control.rect().topLeft()).y() for control in row}) == 1
+
+
 def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEditor) -> None:
     type_over(editor, "Large", "title")
     type_over(editor, "Hm", "filler")
