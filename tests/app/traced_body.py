@@ -52,7 +52,7 @@ class Body:
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
         self._told: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._child = ChildProcess(
-            ProcessSpec(target.__name__, target, arguments),
+            ProcessSpec("traced", target, arguments),
             on_message=lambda value, _raw: self._told.put(value),
             on_exit=lambda code: self._told.put(code),
         )
