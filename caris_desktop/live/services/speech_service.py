@@ -10,8 +10,6 @@ from typing import Any
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
-    SilenceSpeech,
-    Speak,
     SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
@@ -43,33 +41,38 @@ from caris_desktop.scenario.phrases import sentences
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-class LinkVoice:
-    """Robot text-to-speech; its link reports."""
+class ComputerVoice:
+    """This computer's voice, as used by the queue; its process reports."""
 
-    def __init__(self, state: LiveState, robot: RobotPort) -> None:
+    def __init__(self, state: LiveState, port: RobotPort | SupervisedProcess) -> None:
         self._state = state
-        self._robot = robot
+        self._port = port
+
+    @property
+    def held_up(self) -> bool:
+        return False
+
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        return self._port.send(
+            Say(
+                utterance.stamp_ns, utterance.utterance_id, spoken, utterance.actor, utterance.origin,
+                utterance.person_id, recorded=utterance.text, language=self._state.voice.value.language,
+            )
+        )  # fmt: skip
+
+    def silence(self, actor: Actor) -> bool:
+        return self._port.send(Silence(clock.now_ns(), actor))
+
+
+class LinkVoice(ComputerVoice):
+    """Robot text-to-speech; its link reports."""
 
     @property
     def held_up(self) -> bool:
         return bool(self._state.link.value.state == "trouble")
 
     def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
-        return self._state.link.value.state == "connected" and self._robot.send(
-            Say(
-                utterance.stamp_ns,
-                utterance.utterance_id,
-                spoken,
-                utterance.actor,
-                utterance.origin,
-                utterance.person_id,
-                recorded=utterance.text,
-                language=self._state.voice.value.language,
-            )
-        )
-
-    def silence(self, actor: Actor) -> bool:
-        return self._robot.send(Silence(clock.now_ns(), actor))
+        return self._state.link.value.state == "connected" and super().say(utterance, spoken)
 
 
 class SpeechService(ContextService):
@@ -94,7 +97,9 @@ class SpeechService(ContextService):
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
         self._prepared: tuple[str, ...] = ()
-        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(self._state, robot), "computer": _Computer(self)}
+        voices: dict[VoiceKind, Voice] = {
+            "robot": LinkVoice(self._state, robot), "computer": ComputerVoice(self._state, self._process),
+        }  # fmt: skip
         self._permitted = True
         self._started = self._stopped = False
         self.queue = SpeechQueue(self._state, voices, self._bus.publish, self)
@@ -139,7 +144,7 @@ class SpeechService(ContextService):
         if not self._permitted or self._process.child is not None or not self._started or self._stopped:
             return
         self._process.start(self._body)
-        self.send(UseVoice(self._settings))
+        self._process.send(UseVoice(self._settings))
         self._prepared = ()
         self._prepare()
 
@@ -157,10 +162,6 @@ class SpeechService(ContextService):
         self._stopped = True
         self._soon.stop()
         self._process.ask_to_end()
-
-    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
-        """Send to this computer's voice without waiting; False if impossible."""
-        return self._process.send(message)
 
     def on_heard(self, message: Any) -> None:
         """Handle a status message of this computer's voice."""
@@ -194,7 +195,7 @@ class SpeechService(ContextService):
         if not self._settings.tunes(before):
             used = ""
             self._state.speech.update(ready=False, detail="")
-        self.send(UseVoice(self._settings, actor))
+        self._process.send(UseVoice(self._settings, actor))
         self.queue.use_voice(output)
         self._state.voice.set(
             VoiceStatus(
@@ -255,12 +256,12 @@ class SpeechService(ContextService):
             return
         waiting = (utterance.text for utterance in self._state.speech.value.waiting)
         texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
-        if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
+        if self._settings.at_hand and texts != self._prepared and self._process.send(Prepare(texts)):
             self._prepared = texts
 
     def _draft(self, intent: intents.DraftSpeech) -> None:
         if self._settings.at_hand and "{" not in intent.text:
-            self.send(Draft(intent.text))
+            self._process.send(Draft(intent.text))
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
@@ -313,30 +314,6 @@ class SpeechService(ContextService):
         if now is not None:
             self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
         self.queue.on_voice_lost(kind, detail)
-
-
-class _Computer:
-    """This computer's voice, as used by the queue."""
-
-    held_up = False
-
-    def __init__(self, service: SpeechService) -> None:
-        self._service = service
-
-    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
-        return self._service.send(
-            Speak(
-                utterance.utterance_id,
-                spoken,
-                utterance.origin,
-                utterance.actor,
-                utterance.person_id,
-                recorded=utterance.text,
-            )
-        )
-
-    def silence(self, actor: Actor) -> bool:
-        return self._service.send(SilenceSpeech(actor))
 
 
 _ENDS = ("finished", "interrupted", "failed")
