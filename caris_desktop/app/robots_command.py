@@ -3,14 +3,13 @@
 import argparse
 import asyncio
 import sys
-from pathlib import Path
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.robot.discovery import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
-from caris_desktop.robot.profile import list_profiles, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile import list_profiles, own_profile_file, save_profile, user_robots_dir
 from caris_desktop.robot.profile_model import ProfileError, check_address
 from caris_desktop.robot.profile_proposal import profile_of
 
@@ -63,7 +62,7 @@ def _explore(address: str, title: str | None) -> int:
     _notify(found)
     if title is None:
         return 0
-    path: Path = user_robots_dir() / profile_file_name(title)
+    path = own_profile_file(title)
     if path.exists():
         print(f"{path} already exists. Choose another title, or remove it first.", file=sys.stderr)
         return 1
