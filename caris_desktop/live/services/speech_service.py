@@ -18,7 +18,14 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import (
+    UTTERANCE_ENDS,
+    LinkChanged,
+    Problem,
+    SuggestionChanged,
+    UtteranceChanged,
+    VoiceChanged,
+)
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -316,9 +323,6 @@ class SpeechService(ContextService):
         self.queue.on_voice_lost(kind, detail)
 
 
-_ENDS = ("finished", "interrupted", "failed")
-
-
 class DualSpeechOutput:
     """Dual speech output: the robot and this computer speak the same utterance.
 
@@ -370,7 +374,7 @@ class DualSpeechOutput:
         return True
 
     def _follows(self, change: UtteranceChanged) -> UtteranceChanged | None:
-        if change.state in _ENDS:
+        if change.state in UTTERANCE_ENDS:
             self._speaking.discard(change.voice)
             self._ended.append(change)
             return None if self._speaking else _last_word(self._ended)
@@ -380,7 +384,7 @@ class DualSpeechOutput:
 
 def _last_word(ended: list[UtteranceChanged]) -> UtteranceChanged:
     """Combined outcome: the utterance counts as spoken if one voice finished it; the detail has the other's outcome."""
-    best = min(ended, key=lambda one: ("finished", "interrupted", "failed").index(one.state))
+    best = min(ended, key=lambda one: UTTERANCE_ENDS.index(one.state))
     return replace(
         best,
         stamp_ns=max(one.stamp_ns for one in ended),
