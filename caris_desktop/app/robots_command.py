@@ -8,6 +8,7 @@ from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.confirmed_files import accept_written_profile
+from caris_desktop.recording.terminal import reporting
 from caris_desktop.robot.discovery import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
 from caris_desktop.robot.profile import list_profiles, own_profile_file, save_profile, user_robots_dir
 from caris_desktop.robot.profile_model import ProfileError, check_address
@@ -32,17 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="listening time in seconds (default: 3)")
 
 
+@reporting(UserFacingError, ProfileError, composition.StartError)
 def run(arguments: argparse.Namespace) -> int:
     """Exit status 0 if all is well; lists the known robots without arguments."""
-    try:
-        if arguments.explore:
-            return _explore(check_address(arguments.explore), arguments.save)
-        if arguments.listen:
-            composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
-            return _listen(arguments.listen, arguments.seconds)
-    except (UserFacingError, ProfileError, composition.StartError) as error:
-        print(error, file=sys.stderr)
-        return 1
+    if arguments.explore:
+        return _explore(check_address(arguments.explore), arguments.save)
+    if arguments.listen:
+        composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
+        return _listen(arguments.listen, arguments.seconds)
     if arguments.save:
         print("--save requires --explore.", file=sys.stderr)
         return 2
