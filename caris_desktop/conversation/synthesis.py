@@ -25,7 +25,6 @@ from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -143,9 +142,9 @@ class SynthesisDeadlines(Value):
 def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = SynthesisDeadlines()) -> None:
     """Process entry point: speak requests until the connection closes.
 
-    Receives UseVoice, Prepare, Draft, Say and Silence. Sends SynthesisReady (at each change),
-    SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
-    AudioChunk of played audio, PlayedSound and PlayedSoundEnded.
+    Receives UseVoice, Prepare, Draft, Say and Silence. Sends SynthesisReady (at each change), VoicesFound, Problem,
+    UtteranceChanged with the states started, finished, interrupted and failed, AudioChunk of played audio, PlayedSound
+    and PlayedSoundEnded.
     """
     inbox: EngineInbox = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
@@ -510,15 +509,13 @@ class _Synthesis:
             self._report(utterance, "failed", clock.now_ns(), no_voice)
         self._report_dropped()
         self._send(
-            SynthesisFailed(
-                Problem(
-                    clock.now_ns(),
-                    "error",
-                    localized(QT_TR_NOOP("No voice is available on this computer ({detail})."), detail=detail),
-                    QT_TR_NOOP("Utterances for this computer are not spoken."),
-                    QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say the text again."),
-                    until="voice",
-                )
+            Problem(
+                clock.now_ns(),
+                "error",
+                localized(QT_TR_NOOP("No voice is available on this computer ({detail})."), detail=detail),
+                QT_TR_NOOP("Utterances for this computer are not spoken."),
+                QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say the text again."),
+                until="voice",
             )
         )
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import Problem
 from caris_desktop.domain.value_class import Value
 
 
@@ -56,9 +55,3 @@ class VoicesFound(Value):
     """Voices of this computer, named as in the scenario file, each with its language."""
 
     voices: tuple[tuple[str, str], ...]
-
-
-class SynthesisFailed(Value):
-    """Speech synthesis failed; each further Say tries again."""
-
-    problem: Problem

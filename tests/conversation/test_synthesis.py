@@ -26,7 +26,6 @@ from caris_desktop.conversation.synthesis import (
     speakable,
 )
 from caris_desktop.conversation.synthesis_messages import (
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -414,9 +413,9 @@ def test_a_computer_without_a_voice_says_what_to_install(
     broken.write_text("def init():\n    raise OSError('libespeak-ng.so.1: cannot open shared object file')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     speech = start_speech(None)
-    failed: SynthesisFailed = speech.wait(lambda message: isinstance(message, SynthesisFailed), "the failure is told")
-    assert "libespeak-ng.so.1" in failed.problem.what
-    assert "apt install espeak-ng" in failed.problem.advice
+    failed: Problem = speech.wait(lambda message: isinstance(message, Problem), "the failure is told")
+    assert "libespeak-ng.so.1" in failed.what
+    assert "apt install espeak-ng" in failed.advice
     speech.say("u1")
     assert "no voice" in speech.wait_state("u1", "failed").detail
     broken.unlink()

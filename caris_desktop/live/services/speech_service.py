@@ -10,7 +10,6 @@ from typing import Any
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -179,7 +178,7 @@ class SpeechService(ContextService):
                 self._state.voice.update(used=message.voice)
             case VoicesFound(voices):
                 self._state.voice.update(choices=voices)
-            case SynthesisFailed(problem) | (Problem() as problem):
+            case Problem() as problem:
                 # The voice itself reports which utterances failed; one sent meanwhile it still tries to speak.
                 self._notify(localize_problem(problem))
 

@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.synthesis_messages import Draft, Prepare, SynthesisFailed
+from caris_desktop.conversation.synthesis_messages import Draft, Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import (
     ANSWER,
@@ -204,7 +204,7 @@ def test_a_failed_voice_does_not_fail_the_utterance_that_it_tries_next(bench: Be
     os.kill(pid, signal.SIGSTOP)  # the report of the failure was sent before it received the utterance
     try:
         bench.speech.queue.say("Hello", "phrase")
-        bench.speech.on_heard(SynthesisFailed(failed))
+        bench.speech.on_heard(failed)
     finally:
         os.kill(pid, signal.SIGCONT)
     qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
