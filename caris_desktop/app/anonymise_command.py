@@ -35,10 +35,9 @@ from caris_desktop.recording.session_export import (
 )
 from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.recording.study_file import FILE_NAME, StudyFileError, read_study_file, study_file_of
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.terminal import ProgressLine, reporting
 from caris_desktop.study.study_folder import StudyFolder, file_name_part
 
-_CANCELLED = 130
 _INSIDE = QT_TR_NOOP(
     "{out} is inside the study, with the names that the copy must not have. Nothing was written; "
     "choose a folder outside."
@@ -85,22 +84,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_worker_arguments(parser)
 
 
+@reporting(ExportError, StudyFileError, WorkersError, cancelled="Cancelled. Nothing was written.")
 def run(arguments: argparse.Namespace) -> int:
     """Exit status: 0 if everything was copied, 1 if a session was not (reasons on stderr), 130 if cancelled."""
     try:
         return _copy_all(arguments)
-    except (ExportError, StudyFileError, WorkersError) as error:
-        print(error, file=sys.stderr)
-        return 1
     except PeopleStoreError as error:
         print(f"{error} Without it, names of people would stay. Nothing was written.", file=sys.stderr)
-        return 1
     except OSError as error:
         print(f"The copy failed: {error.strerror or error}. Nothing was written.", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nCancelled. Nothing was written.", file=sys.stderr)
-        return _CANCELLED
+    return 1
 
 
 def _copy_all(arguments: argparse.Namespace) -> int:

@@ -48,7 +48,6 @@ from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.services.scenario_service import Imported, ScenarioAdapters
 from caris_desktop.live.services.session_service import SessionAdapters
 from caris_desktop.live.services.sound_service import SoundAdapters
-from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.people.presence import PresenceTracker
@@ -243,7 +242,7 @@ def parts(
             conflicts=import_conflicts,
         ),
         robots=RobotAdapters(
-            choices=_robots,
+            choices=list_profiles,
             connect_to=lambda name: _connect_to(name, address_of(name)),
             simulated=_no_robot_to_practise_on,
         ),
@@ -503,13 +502,6 @@ def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str
     advice = tr("Your changes are still in the scenario editor, which shows what to do.")
     with reported(ScenarioError, tr("The scenario was not saved."), advice):
         return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
-
-
-def _robots() -> tuple[RobotChoice, ...]:
-    return tuple(
-        RobotChoice(listed.name, listed.title, without_credentials(listed.address), listed.error)
-        for listed in list_profiles()
-    )
 
 
 def _connect_to(name: str, address: str | None) -> RobotConnection:

@@ -26,9 +26,8 @@ from caris_desktop.recording.session_export import (
     sessions_in,
     written_in,
 )
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.terminal import CANCELLED, ProgressLine, reporting
 
-_CANCELLED = 130
 _TOGETHER = {fmt.name for fmt in FORMATS if fmt.together}
 
 
@@ -76,15 +75,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@reporting(ExportError, WorkersError)
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if everything was exported, 1 if not (reasons on stderr), 130 if cancelled by Ctrl-C."""
-    try:
-        if args.template is not None:
-            _check_template(args.template, args.to)
-        sessions = sessions_in(args.session)
-    except ExportError as error:
-        print(error, file=sys.stderr)
-        return 1
+    if args.template is not None:
+        _check_template(args.template, args.to)
+    sessions = sessions_in(args.session)
     damaged = _verify(sessions) if args.verify else []
     one = sessions == (args.session,)
     request = ExportRequest(
@@ -97,13 +93,10 @@ def run(args: argparse.Namespace) -> int:
     try:
         with ProgressLine() as line:
             finished = export_all(request, line.show, run=partial(run_jobs, workers=workers_of(args)))
-    except WorkersError as error:
-        print(error, file=sys.stderr)
-        return 1
     except KeyboardInterrupt:
         written = len(written_in(targets)) - before
         print(f"Cancelled. {written} of {len(sessions)} exports are complete; nothing else was saved.", file=sys.stderr)
-        return _CANCELLED
+        return CANCELLED
     for sentence in (*finished.notices, *damaged, *finished.problems):
         print(sentence, file=sys.stderr)
     if one and finished.written:

@@ -8,10 +8,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.erasure_run import ErasureRequest, forget, person_of
 from caris_desktop.recording.forgetting.study_erasure import Forgotten, receipt_words
 from caris_desktop.recording.studies.study_index import study_dir_of
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.terminal import CANCELLED, ProgressLine, reporting
 from caris_desktop.study.study_folder import StudyFolder
 
-_CANCELLED = 130
 _YES = "forget"
 
 
@@ -52,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(recordings="mask")
 
 
+@reporting(UserFacingError, cancelled="Interrupted. Nothing is lost; run the same command again to resume.")
 def run(arguments: argparse.Namespace) -> int:
     """Exit status: 0 if nothing is left of the person, 1 if something is (as printed), 130 if cancelled."""
     from caris_desktop.app.composition import own_files  # imports all parts of the console
@@ -71,19 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
         keep_exports=arguments.keep_exports,
         own_files=own_files(study),
     )
-    try:
-        person, _, _ = person_of(request)
-        if not (arguments.yes or _agreed(request, person.names)):
-            print("No person was erased; nothing was changed.", file=sys.stderr)
-            return _CANCELLED
-        with ProgressLine() as line:
-            outcome = forget(request, line.show)
-    except UserFacingError as failure:
-        print(failure, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nInterrupted. Nothing is lost; run the same command again to resume.", file=sys.stderr)
-        return _CANCELLED
+    person, _, _ = person_of(request)
+    if not (arguments.yes or _agreed(request, person.names)):
+        print("No person was erased; nothing was changed.", file=sys.stderr)
+        return CANCELLED
+    with ProgressLine() as line:
+        outcome = forget(request, line.show)
     _notify(outcome, study, person.person_ids[0])
     return 0 if outcome.complete else 1
 

@@ -24,6 +24,7 @@ from caris_desktop.domain.address import before_port
 from caris_desktop.domain.limited_listener import listen_limited
 from caris_desktop.domain.model_files import WrongChecksum
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.recording.terminal import reporting
 
 # Answers at a time are limited by the model's slots; idle connections occupy a thread of the server each.
 _CONSOLES = 8
@@ -52,23 +53,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_server_arguments(parser, port=8080)
 
 
+@reporting(LanguageModelError, ServerArgumentsError)
 def run(arguments: argparse.Namespace) -> int:
     """Exit status 0 if done."""
     if arguments.action in ("add", "remove") and not arguments.model:
         print(f"{arguments.action} requires a {'file' if arguments.action == 'add' else 'name'}.", file=sys.stderr)
         return 2
-    try:
-        if arguments.action == "serve":
-            return _serve(arguments)
-        if arguments.action == "add":
-            return _add(Path(arguments.model), arguments.name)
-        if arguments.action == "remove":
-            remove_model(arguments.model)
-            print(f"{arguments.model} is removed.")
-            return 0
-    except (LanguageModelError, ServerArgumentsError) as error:
-        print(error, file=sys.stderr)
-        return 1
+    if arguments.action == "serve":
+        return _serve(arguments)
+    if arguments.action == "add":
+        return _add(Path(arguments.model), arguments.name)
+    if arguments.action == "remove":
+        remove_model(arguments.model)
+        print(f"{arguments.model} is removed.")
+        return 0
     for model in added_models():
         print(f"embedded:{model.name:<40} {model.size_bytes / 1e9:6.2f} GB  {model.path}")
     if not added_models():

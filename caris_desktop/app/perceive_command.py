@@ -14,6 +14,7 @@ from caris_desktop.perception.backends.remote_detector import TOKEN_VARIABLE, se
 from caris_desktop.perception.backends.runtime_selection import open_chosen
 from caris_desktop.perception.inference_messages import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
 from caris_desktop.perception.weights import DetectorChoice, WeightsError
+from caris_desktop.recording.terminal import reporting
 
 DEFAULT_PORT = 8768
 
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@reporting(ServerArgumentsError)
 def run(arguments: argparse.Namespace) -> int:
     if arguments.model.startswith("plugin:"):
         print("--model: a plug-in cannot be served to other computers.", file=sys.stderr)
@@ -61,9 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
             threads=arguments.threads,
             allow_download=True,
         )
-    except ServerArgumentsError as error:
-        print(error, file=sys.stderr)
-        return 1
     except WeightsError as error:
         print(f"{error}. {error.advice}.", file=sys.stderr)
         return 1

@@ -1,4 +1,4 @@
-"""Entry functions of the child processes; each imports its package in the child only.
+"""Entry points of the child processes; each imports its package in the child only.
 
 The window's start imports this module, and needs little of what a recorder, detector or link requires.
 """
@@ -6,9 +6,33 @@ The window's start imports this module, and needs little of what a recorder, det
 import logging
 import multiprocessing.util
 import os
+import pkgutil
 import threading
 from multiprocessing.connection import Connection
 from typing import Any
+
+from caris_desktop.domain.value_class import Value
+
+
+class EntryPoint(Value):
+    """Function of a child process, as ``module:function``, which it imports when it is called."""
+
+    name: str
+
+    def __call__(self, connection: Connection, *arguments: Any) -> None:
+        pkgutil.resolve_name(self.name)(connection, *arguments)
+
+
+inference = EntryPoint("caris_desktop.perception.inference:run_inference")
+camera = EntryPoint("caris_desktop.perception.cameras.camera_process:run_camera")
+speech = EntryPoint("caris_desktop.conversation.synthesis:run_synthesis")
+microphone = EntryPoint("caris_desktop.conversation.sound_devices:run_microphone")
+playback = EntryPoint("caris_desktop.conversation.sound_devices:run_playback")
+language_model = EntryPoint("caris_desktop.conversation.embedded_server:run_embedded_server")
+model_addition = EntryPoint("caris_desktop.conversation.speech_checks:run_model_addition")
+forgetting = EntryPoint("caris_desktop.live.erasure_run:run_forgetting")
+control_link = EntryPoint("caris_desktop.robot.link:run_control_link")
+media_link = EntryPoint("caris_desktop.robot.link:run_media_link")
 
 
 def recorder(connection: Connection, *arguments: Any) -> None:
@@ -16,30 +40,6 @@ def recorder(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.recording.recorder.recorder_process import run_recorder
 
     run_recorder(connection, *arguments, covering=blur)
-
-
-def inference(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.perception.inference import run_inference
-
-    run_inference(connection, *arguments)
-
-
-def camera(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.perception.cameras.camera_process import run_camera
-
-    run_camera(connection, *arguments)
-
-
-def speech(connection: Connection) -> None:
-    from caris_desktop.conversation.synthesis import run_synthesis
-
-    run_synthesis(connection)
-
-
-def microphone(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.sound_devices import run_microphone
-
-    run_microphone(connection, *arguments)
 
 
 def recogniser(connection: Connection, *arguments: Any) -> None:
@@ -51,39 +51,3 @@ def recogniser(connection: Connection, *arguments: Any) -> None:
         multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # what it does itself at an ordinary end
         logging.shutdown()
         os._exit(0)
-
-
-def playback(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.sound_devices import run_playback
-
-    run_playback(connection, *arguments)
-
-
-def language_model(connection: Connection, model: str = "") -> None:
-    from caris_desktop.conversation.embedded_server import run_embedded_server
-
-    run_embedded_server(connection, model=model)
-
-
-def model_addition(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.speech_checks import run_model_addition
-
-    run_model_addition(connection, *arguments)
-
-
-def forgetting(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.live.erasure_run import run_forgetting
-
-    run_forgetting(connection, *arguments)
-
-
-def control_link(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.robot.link import run_control_link
-
-    run_control_link(connection, *arguments)
-
-
-def media_link(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.robot.link import run_media_link
-
-    run_media_link(connection, *arguments)

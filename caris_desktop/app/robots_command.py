@@ -3,14 +3,14 @@
 import argparse
 import asyncio
 import sys
-from pathlib import Path
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_accept_named
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.confirmed_files import accept_written_profile
+from caris_desktop.recording.terminal import reporting
 from caris_desktop.robot.discovery import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
-from caris_desktop.robot.profile import list_profiles, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile import list_profiles, own_profile_file, save_profile, user_robots_dir
 from caris_desktop.robot.profile_model import ProfileError, check_address
 from caris_desktop.robot.profile_proposal import profile_of
 
@@ -33,17 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="listening time in seconds (default: 3)")
 
 
+@reporting(UserFacingError, ProfileError, composition.StartError)
 def run(arguments: argparse.Namespace) -> int:
     """Exit status 0 if all is well; lists the known robots without arguments."""
-    try:
-        if arguments.explore:
-            return _explore(check_address(arguments.explore), arguments.save)
-        if arguments.listen:
-            composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
-            return _listen(arguments.listen, arguments.seconds)
-    except (UserFacingError, ProfileError, composition.StartError) as error:
-        print(error, file=sys.stderr)
-        return 1
+    if arguments.explore:
+        return _explore(check_address(arguments.explore), arguments.save)
+    if arguments.listen:
+        composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
+        return _listen(arguments.listen, arguments.seconds)
     if arguments.save:
         print("--save requires --explore.", file=sys.stderr)
         return 2
@@ -63,7 +60,7 @@ def _explore(address: str, title: str | None) -> int:
     _notify(found)
     if title is None:
         return 0
-    path: Path = user_robots_dir() / profile_file_name(title)
+    path = own_profile_file(title)
     if path.exists():
         print(f"{path} already exists. Choose another title, or remove it first.", file=sys.stderr)
         return 1

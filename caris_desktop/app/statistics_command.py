@@ -10,9 +10,7 @@ from caris_desktop.live.study_jobs import WorkersError, add_worker_arguments, ru
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.studies.statistics import StatisticsError, SummaryRow, study_statistics
 from caris_desktop.recording.studies.study_index import study_dir_of
-from caris_desktop.recording.terminal import ProgressLine, aligned
-
-_CANCELLED = 130
+from caris_desktop.recording.terminal import ProgressLine, aligned, reporting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,20 +24,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_worker_arguments(parser)
 
 
+@reporting(
+    StatisticsError, WorkersError, cancelled="Cancelled. The sessions exported so far are saved for the next time."
+)
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if computed, 1 if not or if sessions were excluded (listed on stderr), 130 cancelled."""
-    try:
-        with ProgressLine() as line:
-            out = args.out or study_dir_of(args.study) / "statistics"
-            made = study_statistics(
-                args.study, out, line.show, csv=csv_style_of(args), run=partial(run_jobs, workers=workers_of(args))
-            )
-    except (StatisticsError, WorkersError) as error:
-        print(error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nCancelled. The sessions exported so far are saved for the next time.", file=sys.stderr)
-        return _CANCELLED
+    with ProgressLine() as line:
+        out = args.out or study_dir_of(args.study) / "statistics"
+        made = study_statistics(
+            args.study, out, line.show, csv=csv_style_of(args), run=partial(run_jobs, workers=workers_of(args))
+        )
     for problem in (*made.notices, *made.problems):
         print(problem, file=sys.stderr)
     conditions = list(dict.fromkeys(row.condition for row in made.summary))

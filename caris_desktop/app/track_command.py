@@ -16,7 +16,7 @@ from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.weights import WeightsError
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.terminal import ProgressLine, reporting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,28 +38,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+class _WrongError(Exception):
+    """Failure that is printed."""
+
+
+@reporting(_WrongError, VideoFileError, cancelled="Stopped; nothing was written.")
 def run(arguments: argparse.Namespace) -> int:
     """Print one JSON object on standard output; exit status 1 with a sentence on standard error after a failure."""
     try:
         _check(arguments.out, arguments.video, arguments.threads)
         print(json.dumps(_track(arguments)))
-    except (_WrongError, VideoFileError) as error:
-        print(error, file=sys.stderr)
-        return 1
     except PluginError as error:
         print(f"The plug-in {error.plugin.name} ({error.plugin.package}) failed: {error}.", file=sys.stderr)
         return 1
     except WeightsError as error:
         print(f"{error}. {error.advice}.", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("\nStopped; nothing was written.", file=sys.stderr)
-        return 130
     return 0
-
-
-class _WrongError(Exception):
-    """Failure that is printed."""
 
 
 def _check(path: Path, video: Path, threads: int) -> None:

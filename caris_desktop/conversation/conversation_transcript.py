@@ -7,6 +7,7 @@ from typing import Literal
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
 from caris_desktop.domain.events import (
     RESPONSE_LIMIT_S,
+    UTTERANCE_ENDS,
     ReplyMeans,
     ResponseTimed,
     SuggestionChanged,
@@ -17,8 +18,6 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sound_values import Hearing
 from caris_desktop.domain.value_class import Value, dataclass
-
-_ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 UtteranceReport = UtteranceChanged | UtteranceCorrected
 
@@ -53,7 +52,7 @@ class Turn(Value):
     @property
     def over(self) -> bool:
         """True if it is complete."""
-        return self.state in _ENDED
+        return self.state in UTTERANCE_ENDS
 
     def moved(self, by_ns: int) -> "Turn":
         """The turn by another clock."""
@@ -170,7 +169,7 @@ def _next(turn: Turn, event: UtteranceChanged) -> Turn:
     turn = replace(turn, speaker=event.speaker, person_id=event.person_id or turn.person_id)
     if event.state == "started":
         return replace(turn, text=event.text, state="started", started_ns=event.stamp_ns)
-    if event.state in _ENDED:
+    if event.state in UTTERANCE_ENDS:
         return replace(turn, text=event.text or turn.text, state=event.state, ended_ns=event.stamp_ns)
     return turn
 

@@ -283,7 +283,7 @@ def missing_for_embedded(model: str = "") -> str:
     return ""
 
 
-def run_embedded_server(connection: Connection, niceness: int = _NICENESS, model: str = "") -> None:
+def run_embedded_server(connection: Connection, model: str = "", niceness: int = _NICENESS) -> None:
     """Process entry point: serve the built-in model, the added one of this name, or that of ``plugin:NAME``, until the
     connection closes.
 

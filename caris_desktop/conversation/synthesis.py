@@ -25,9 +25,6 @@ from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
-    SilenceSpeech,
-    Speak,
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -36,7 +33,8 @@ from caris_desktop.conversation.synthesis_messages import (
 from caris_desktop.conversation.voices.voice_selection import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
+from caris_desktop.domain.events import Problem, UtteranceState
+from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.plugins import switched_off
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
@@ -144,9 +142,9 @@ class SynthesisDeadlines(Value):
 def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = SynthesisDeadlines()) -> None:
     """Process entry point: speak requests until the connection closes.
 
-    Receives UseVoice, Prepare, Draft, Speak and SilenceSpeech. Sends SynthesisReady (at each change),
-    SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
-    AudioChunk of played audio, PlayedSound and PlayedSoundEnded.
+    Receives UseVoice, Prepare, Draft, Say and Silence. Sends SynthesisReady (at each change), VoicesFound, Problem,
+    UtteranceChanged with the states started, finished, interrupted and failed, AudioChunk of played audio, PlayedSound
+    and PlayedSoundEnded.
     """
     inbox: EngineInbox = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
@@ -181,7 +179,7 @@ def _read_console(connection: Connection, inbox: EngineInbox) -> None:
 class _SynthesisedSound:
     """Synthesised audio of one utterance so far. ``started_ns`` is 0 until playback."""
 
-    def __init__(self, utterance: Speak) -> None:
+    def __init__(self, utterance: Say) -> None:
         self._utterance = utterance
         self._parts: list[tuple[int, NDArray[np.int16]]] = []
         self._rate_hz = 1
@@ -237,13 +235,13 @@ class _Synthesis:
         self._engines = _CONSOLE
         self._phase: _Phase = "off"
         self._deadline_ns: int | None = None
-        self._waiting: deque[Speak] = deque()
-        self._dropped: list[Speak] = []
-        self._now: Speak | None = None
+        self._waiting: deque[Say] = deque()
+        self._dropped: list[Say] = []
+        self._now: Say | None = None
         self._started = False
         self._number = 0
         self._played_s = 0.0
-        self._sound = _SynthesisedSound(Speak("", "", "typed"))
+        self._sound = _SynthesisedSound(Say(0, "", ""))
         self._to_prepare: tuple[str, ...] = ()
         self._voice = ""
         self._audible: bool | None = None
@@ -274,10 +272,10 @@ class _Synthesis:
 
     def _on_command(self, command: object) -> None:
         match command:
-            case Speak():
+            case Say():
                 self._take(command)
-            case SilenceSpeech(actor):
-                self._silenced_by = actor
+            case Silence():
+                self._silenced_by = command.actor
                 self._silence()
             case UseVoice(settings):
                 self._use(settings)
@@ -320,7 +318,7 @@ class _Synthesis:
         if self._engine is not None:
             self._engine.send("prepare", texts=self._to_prepare)
 
-    def _take(self, command: Speak) -> None:
+    def _take(self, command: Say) -> None:
         text = speakable(command.text)
         if not text:
             self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("the text contains nothing to say"))
@@ -511,15 +509,13 @@ class _Synthesis:
             self._report(utterance, "failed", clock.now_ns(), no_voice)
         self._report_dropped()
         self._send(
-            SynthesisFailed(
-                Problem(
-                    clock.now_ns(),
-                    "error",
-                    localized(QT_TR_NOOP("No voice is available on this computer ({detail})."), detail=detail),
-                    QT_TR_NOOP("Utterances for this computer are not spoken."),
-                    QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say the text again."),
-                    until="voice",
-                )
+            Problem(
+                clock.now_ns(),
+                "error",
+                localized(QT_TR_NOOP("No voice is available on this computer ({detail})."), detail=detail),
+                QT_TR_NOOP("Utterances for this computer are not spoken."),
+                QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say the text again."),
+                until="voice",
             )
         )
 
@@ -561,21 +557,9 @@ class _Synthesis:
         for utterance in dropped:
             self._report(utterance, "interrupted", clock.now_ns())
 
-    def _report(self, utterance: Speak, state: UtteranceState, at_ns: int, detail: str = "") -> None:
-        self._send(
-            UtteranceChanged(
-                at_ns,
-                utterance.utterance_id,
-                "robot",
-                utterance.recorded or utterance.text,
-                utterance.origin,
-                state,
-                voice="computer",
-                detail=detail,
-                actor=self._silenced_by if state == "interrupted" else utterance.actor,
-                person_id=utterance.person_id,
-            )
-        )
+    def _report(self, utterance: Say, state: UtteranceState, at_ns: int, detail: str = "") -> None:
+        actor = self._silenced_by if state == "interrupted" else None
+        self._send(utterance.reported(at_ns, state, "computer", detail=detail, actor=actor))
 
     def _enter(self, phase: _Phase, within_s: float | None) -> None:
         self._phase = phase

@@ -1,9 +1,8 @@
-"""Messages between the console and the speech synthesis process."""
+"""Messages between the console and the speech synthesis process, in addition to the link commands Say and Silence."""
 
 from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import Problem, UtteranceOrigin
 from caris_desktop.domain.value_class import Value
 
 
@@ -33,21 +32,6 @@ class UseVoice(Value):
     actor: Actor = ""
 
 
-class Speak(Value):
-    """Say ``text`` after the queued utterances.
-
-    ``recorded`` (empty: ``text``), ``origin`` and ``person_id`` are returned in reports: names are spoken, but never
-    recorded.
-    """
-
-    utterance_id: str
-    text: str
-    origin: UtteranceOrigin
-    actor: Actor = ""
-    person_id: str = ""
-    recorded: str = ""
-
-
 class Prepare(Value):
     """Texts that may be said next, most likely first, to synthesise in advance. Replaces earlier ones."""
 
@@ -58,12 +42,6 @@ class Draft(Value):
     """Text being typed, to synthesise before all prepared texts."""
 
     text: str
-
-
-class SilenceSpeech(Value):
-    """Stop the present utterance at once and clear the queue."""
-
-    actor: Actor = ""
 
 
 class SynthesisReady(Value):
@@ -77,9 +55,3 @@ class VoicesFound(Value):
     """Voices of this computer, named as in the scenario file, each with its language."""
 
     voices: tuple[tuple[str, str], ...]
-
-
-class SynthesisFailed(Value):
-    """Speech synthesis failed; each further Speak tries again."""
-
-    problem: Problem

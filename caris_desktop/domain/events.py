@@ -224,6 +224,8 @@ UtteranceOrigin = Literal[
     "typed", "phrase", "filler", "assistant", "suggestion", "heard", "dictated", "own_voice"
 ]  # fmt: skip
 UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
+UTTERANCE_ENDS: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
+"""Final states of an utterance, the best outcome first."""
 LlmOutcome = Literal["answered", "cancelled", "failed"]
 ReplyMeans = Literal[
     "typed", "phrase", "suggestion", "edited_suggestion", "filler", "assistant", "own_voice", "dictated"
@@ -654,6 +656,11 @@ class Marked(Event):
     state: MarkState = "done"
     note: str = ""
     actor: Actor = ""
+
+    @property
+    def moment_ns(self) -> int:
+        """Moment meant."""
+        return self.stamp_ns if self.start_ns is None else self.start_ns
 
 
 class ProtocolOpened(Event):

@@ -1,7 +1,7 @@
 """Commands to the robot: messages from the console to the link process.
 
 None is queued while the link is down: what cannot be sent now is refused and reported. ``actor`` requested it; the
-events that report the outcome carry it as well.
+events that report the outcome carry it as well. This computer's voice gets the same commands as the robot's.
 """
 
 import numpy as np
@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.control_definitions import ControlValue, RobotControl
-from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
+from caris_desktop.domain.events import (
+    CommandSource,
+    MapOperation,
+    UtteranceChanged,
+    UtteranceOrigin,
+    UtteranceState,
+    VoiceOutput,
+)
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.value_class import Value
 
@@ -131,7 +138,7 @@ class UseControl(RobotCommand):
 
 
 class Say(RobotCommand):
-    """Speak ``text`` through the robot's own voice.
+    """Speak ``text`` after the utterances requested before.
 
     ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` return in the reports: names are spoken, and
     never recorded. ``language``, if known, serves to estimate the duration.
@@ -145,9 +152,26 @@ class Say(RobotCommand):
     recorded: str = ""
     language: str = ""
 
+    def reported(
+        self,
+        stamp_ns: int,
+        state: UtteranceState,
+        voice: VoiceOutput,
+        *,
+        detail: str = "",
+        actor: Actor | None = None,
+        estimated: bool = False,
+    ) -> UtteranceChanged:
+        """Report of that voice on this utterance. ``actor`` caused it; None: the requester."""
+        return UtteranceChanged(
+            stamp_ns, self.utterance_id, "robot", self.recorded or self.text, self.origin, state,
+            voice=voice, detail=detail, actor=self.actor if actor is None else actor, person_id=self.person_id,
+            estimated=estimated,
+        )  # fmt: skip
+
 
 class Silence(RobotCommand):
-    """Stop the robot's own voice, if the robot supports that."""
+    """Stop the present utterance and drop those after it; not all robots support that."""
 
     actor: Actor = ""
 

@@ -54,7 +54,7 @@ from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
 from caris_desktop.live.state import LiveState, tap_status
-from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.scenario.scenario_model import Scenario
 
 
@@ -63,7 +63,7 @@ class RobotAdapters(Value):
     ``simulated`` as in AnotherRobotService.
     """
 
-    choices: Callable[[], Sequence[RobotChoice]]
+    choices: Callable[[], Sequence[ListedProfile]]
     connect_to: Callable[[str], RobotConnection]
     simulated: Callable[[Actor], None]
 

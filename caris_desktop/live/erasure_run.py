@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable
 from functools import partial
 from multiprocessing.connection import Connection
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
@@ -127,10 +127,7 @@ def forget(request: ErasureRequest, progress: Callable[[float, str], None] = lam
 
 def run_forgetting(connection: Connection, request: ErasureRequest) -> None:
     """Process body: sends ForgettingProgress and finally ForgettingEnded."""
-    if hasattr(os, "nice"):
-        # The robot may be driven meanwhile.
-        os.nice(10)
-
+    step_back(10)  # the robot may be driven meanwhile
     try:
         try:
             ended = ForgettingEnded(

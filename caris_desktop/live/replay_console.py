@@ -41,7 +41,7 @@ from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.robot_connections import LiveRobots
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus, PhotoEntry
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.annotation.annotation_editing import (
     AnnotationError,
     EditHistory,
@@ -63,6 +63,7 @@ from caris_desktop.recording.session.session_conversation import UTTERANCE_STREA
 from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_marks import notes_among
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
@@ -573,7 +574,7 @@ class ReplayConsole(QObject):
             "",
         )
 
-    def robots(self) -> Sequence[RobotChoice]:
+    def robots(self) -> Sequence[ListedProfile]:
         return ()
 
     def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:

@@ -14,8 +14,7 @@ from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
-from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import list_profiles, load_profile, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile import ListedProfile, list_profiles, load_profile, own_profile_file, save_profile
 from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings
 
 if TYPE_CHECKING:  # imported at first use
@@ -87,7 +86,9 @@ class LiveRobotExplorer(QObject):
 
         self._run(number, listen(), done)
 
-    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
+    def save(
+        self, profile: RobotProfile, title: str, *, done: Callable[[ListedProfile | UserFacingError], None]
+    ) -> None:
         """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
         self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
 
@@ -133,8 +134,8 @@ def _read(name: str) -> RobotProfile:
         return load_profile(name)
 
 
-def _save(profile: RobotProfile, title: str) -> RobotChoice:
-    path = user_robots_dir() / profile_file_name(title)
+def _save(profile: RobotProfile, title: str) -> ListedProfile:
+    path = own_profile_file(title)
     taken = {known.name for known in list_profiles()}
     if path.exists() or path.stem in taken:
         raise UserFacingError(
@@ -147,4 +148,4 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_profile(replace(profile, name=path.stem, title=title), path)
         accept_written_profile(profile, path)
-    return RobotChoice(path.stem, title, without_credentials(profile.address))
+    return ListedProfile(path.stem, title, without_credentials(profile.address), path)

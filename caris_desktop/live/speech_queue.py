@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 from caris_desktop.conversation.spoken_text import gaps, spoken
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
+from caris_desktop.domain.events import UTTERANCE_ENDS, UtteranceChanged, UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
@@ -45,7 +45,6 @@ NO_VOICE: dict[VoiceKind, str] = {
     "both": QT_TR_NOOP("neither the robot's nor the computer's voice is available"),
 }
 _OF_A_MODEL: tuple[UtteranceOrigin, ...] = ("assistant", "suggestion")
-_ENDS = ("finished", "interrupted", "failed")
 
 
 class Voice(Protocol):
@@ -204,7 +203,7 @@ class SpeechQueue(QObject):
         with self._reporting:
             if reported.utterance_id != self._reported_on:
                 return
-            if reported.state in _ENDS:
+            if reported.state in UTTERANCE_ENDS:
                 self._reported_on = ""
             self._publish(reported, raw)
 
@@ -213,7 +212,7 @@ class SpeechQueue(QObject):
         if self._now is None or event.utterance_id != self._now.utterance_id:
             return
         self._now = event
-        if event.state in _ENDS:
+        if event.state in UTTERANCE_ENDS:
             self._now = self._ends_ns = None
             self._next()
         elif event.state == "started" and self._ends_ns is None:

@@ -22,7 +22,7 @@ from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.logs import configure_child_logging
 from caris_desktop.recording.session_export import ExportError, Progress, run_here, sessions_in
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.terminal import ProgressLine, reporting
 
 _log = logging.getLogger(__name__)
 _CONNECT_S = 10.0
@@ -239,6 +239,7 @@ def add_session_arguments(parser: argparse.ArgumentParser) -> None:
     add_worker_arguments(parser)
 
 
+@reporting(ExportError, WorkersError, cancelled="Cancelled. What was finished before is saved.")
 def run_over_sessions(
     job: Callable[[argparse.Namespace, Path, Progress], dict[str, object]], arguments: argparse.Namespace
 ) -> int:
@@ -246,29 +247,18 @@ def run_over_sessions(
     if arguments.threads is not None and arguments.threads < 1:
         print("--threads must be at least 1.", file=sys.stderr)
         return 2
-    try:
-        folders = sessions_in(arguments.recording)
-    except ExportError as error:
-        print(error, file=sys.stderr)
-        return 1
+    folders = sessions_in(arguments.recording)
     workers = workers_of(arguments)
     at_a_time = workers.at_a_time(len(folders))
     if arguments.threads is None:
         arguments.threads = max(1, (os.cpu_count() or 1) // max(1, at_a_time))
     failed = 0
-    try:
-        with ProgressLine() as line:
-            for folder, result in run_jobs(partial(job, arguments), folders, line.show, workers=workers):
-                line.clear()
-                if isinstance(result, JobError):
-                    print(f"{folder.name}: {result}", file=sys.stderr)
-                    failed += 1
-                else:
-                    print(json.dumps(result), flush=True)
-    except WorkersError as error:
-        print(error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nCancelled. What was finished before is saved.", file=sys.stderr)
-        return 130
+    with ProgressLine() as line:
+        for folder, result in run_jobs(partial(job, arguments), folders, line.show, workers=workers):
+            line.clear()
+            if isinstance(result, JobError):
+                print(f"{folder.name}: {result}", file=sys.stderr)
+                failed += 1
+            else:
+                print(json.dumps(result), flush=True)
     return 1 if failed else 0

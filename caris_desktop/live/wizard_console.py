@@ -12,18 +12,10 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.scenario.scenario_model import Scenario
 
 T = TypeVar("T")
-
-
-class RobotChoice(Value):
-    """Robot in the list. ``name``: argument of UseRobot; ``problem``: why its profile is unusable."""
-
-    name: str
-    title: str
-    address: str
-    problem: str = ""
 
 
 class BeforeRecording(Value):
@@ -66,7 +58,7 @@ class WizardConsole(Protocol):
     def report(self, problem: Problem) -> None:
         """Report a problem to wizard and record."""
 
-    def robots(self) -> Sequence[RobotChoice]:
+    def robots(self) -> Sequence[ListedProfile]:
         """Available robots: shipped profiles and the user's own. Reads files, in any thread: call with
         ``run_in_background``.
         """

@@ -23,6 +23,7 @@ from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.plugin_process import call_apart
 from caris_desktop.domain.plugins import Plugin, PluginError, find, installed, load
+from caris_desktop.domain.process_settings import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
@@ -293,9 +294,7 @@ def run_exports(connection: Connection, request: ExportRequest) -> None:
 
     To cancel, kill the process and call :func:`remove_partial_exports`; it also ends when ``connection`` is closed.
     """
-    if hasattr(os, "nice"):
-        # The robot may be in use at the same time.
-        os.nice(10)
+    step_back(10)  # the robot may be in use at the same time
 
     def report(fraction: float, what: str) -> None:
         connection.send(ExportProgress(fraction, what))

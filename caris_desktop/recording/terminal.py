@@ -1,12 +1,41 @@
-"""Terminal output of commands: progress line and aligned tables."""
+"""Terminal output of commands: failures, progress line and aligned tables."""
 
+import functools
 import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import TextIO
+from typing import ParamSpec, TextIO
 
 from caris_desktop.domain.foreign_text import printable
+
+CANCELLED = 130
+"""Exit status after Ctrl+C, by the rule of shells."""
+P = ParamSpec("P")
+
+
+def reporting(*errors: type[Exception], cancelled: str = "") -> Callable[[Callable[P, int]], Callable[P, int]]:
+    """Decorator of a command: one of ``errors`` is printed on stderr, with exit status 1; after Ctrl+C, ``cancelled``
+    with 130.
+    """
+
+    def decorate(run: Callable[P, int]) -> Callable[P, int]:
+        @functools.wraps(run)
+        def reported(*args: P.args, **kwargs: P.kwargs) -> int:
+            try:
+                return run(*args, **kwargs)
+            except errors as error:
+                print(error, file=sys.stderr)
+                return 1
+            except KeyboardInterrupt:
+                if not cancelled:
+                    raise
+                print(f"\n{cancelled}", file=sys.stderr)
+                return CANCELLED
+
+        return reported
+
+    return decorate
 
 
 class ProgressLine:

@@ -333,15 +333,18 @@ class MediaLink(LinkObserver):
         )
 
     def _on_lens(self, message: Any, camera: CameraTopic) -> None:
-        lens = decode_camera_info(message)
-        if lens is None:
+        decoded = decode_camera_info(message)
+        if decoded is None:
             return
-        optics = {name: getattr(lens, name) for name in ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")}
-        # Its mounting is known only from the profile.
-        camera_model = CameraModel(**optics) if camera.model is None else replace(camera.model, **optics)
-        if self._lenses.get(camera.name) != camera_model:
-            self._lenses[camera.name] = camera_model
-            self._put(CameraLens(self._ros.arrival_ns, lens.robot_stamp_ns, camera.name, camera_model))
+        model, robot_stamp_ns = decoded
+        if camera.model is not None:  # its mounting is known only from the profile
+            model = replace(
+                camera.model, width_px=model.width_px, height_px=model.height_px,
+                fx_px=model.fx_px, fy_px=model.fy_px, cx_px=model.cx_px, cy_px=model.cy_px,
+            )  # fmt: skip
+        if self._lenses.get(camera.name) != model:
+            self._lenses[camera.name] = model
+            self._put(CameraLens(self._ros.arrival_ns, robot_stamp_ns, camera.name, model))
 
     def _on_map(self, message: Any) -> None:
         grid = decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns)

@@ -40,13 +40,15 @@ _MAX_FILE_BYTES = 1_000_000
 
 
 class ListedProfile(Value):
-    """One line of the robot list. ``error`` says why the file cannot be used; ``title`` is then the file's name."""
+    """One line of the robot list. ``address`` is without credentials. ``error`` says why the file cannot be used;
+    ``title`` is then the file's name.
+    """
 
     name: str
     title: str
     address: str
-    path: Path
-    shipped: bool
+    path: Path = Path()
+    shipped: bool = False
     error: str = ""
 
 
@@ -200,10 +202,11 @@ def profile_text(profile: RobotProfile) -> str:
     return profile_yaml(profile_data(public, Path()))
 
 
-def profile_file_name(title: str) -> str:
-    """File name for a robot's title: ``My Robot 2`` becomes ``my-robot-2.yaml``."""
+def own_profile_file(title: str) -> Path:
+    """Path for a new own profile of that title: ``My Robot 2`` becomes ``my-robot-2.yaml``."""
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
-    return (re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60] or "robot") + ".yaml"
+    stem = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60] or "robot"
+    return user_robots_dir() / f"{stem}.yaml"
 
 
 def _profile_at_address(url: str) -> RobotProfile:

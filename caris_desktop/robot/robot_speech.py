@@ -124,21 +124,7 @@ class RobotVoice(ABC):
         estimated: bool = False,
     ) -> None:
         """Report an utterance's state. ``actor`` caused it; None: the requester."""
-        self._emit(
-            UtteranceChanged(
-                now_ns(),
-                command.utterance_id,
-                "robot",
-                command.recorded or command.text,
-                command.origin,
-                state,
-                voice="robot",
-                detail=detail,
-                actor=command.actor if actor is None else actor,
-                person_id=command.person_id,
-                estimated=estimated,
-            )
-        )
+        self._emit(command.reported(now_ns(), state, "robot", detail=detail, actor=actor, estimated=estimated))
 
     def _wait(self, delay_s: float, then: Callable[[], None]) -> None:
         self._wait_no_more()

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -67,18 +68,6 @@ class CompressedImage(Value):
     encoding: str
     content: bytes
     robot_stamp_ns: int | None
-
-
-class Lens(Value):
-    """Pinhole part of sensor_msgs/CameraInfo: focal lengths and principal point, in pixels of that image."""
-
-    width_px: int
-    height_px: int
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-    robot_stamp_ns: int | None = None
 
 
 def encode_twist(twist: Twist2D) -> Message:
@@ -353,9 +342,9 @@ def decode_compressed_image(message: Any) -> CompressedImage:
     )
 
 
-def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id: str = "camera") -> Message:
-    """Encode sensor_msgs/CameraInfo of a lens without distortion; matrix names are lower case in ROS 2."""
-    fx_px, fy_px, cx_px, cy_px = lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px
+def encode_camera_info(dialect: Dialect, model: CameraModel, *, stamp_ns: int, frame_id: str = "camera") -> Message:
+    """Encode sensor_msgs/CameraInfo of a camera without distortion; matrix names are lower case in ROS 2."""
+    fx_px, fy_px, cx_px, cy_px = model.fx_px, model.fy_px, model.cx_px, model.cy_px
     matrices = {
         "d": [0.0] * 5,
         "k": [fx_px, 0.0, cx_px, 0.0, fy_px, cy_px, 0.0, 0.0, 1.0],
@@ -364,8 +353,8 @@ def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id:
     }
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
-        "height": lens.height_px,
-        "width": lens.width_px,
+        "height": model.height_px,
+        "width": model.width_px,
         "distortion_model": "plumb_bob",
         **{name.upper() if dialect is Dialect.ROS1 else name: matrix for name, matrix in matrices.items()},
         "binning_x": 0,
@@ -374,8 +363,10 @@ def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id:
     }
 
 
-def decode_camera_info(message: Any) -> Lens | None:
-    """Decode sensor_msgs/CameraInfo; None for an uncalibrated camera, whose values are zero."""
+def decode_camera_info(message: Any) -> tuple[CameraModel, int | None] | None:
+    """Decode sensor_msgs/CameraInfo: the camera without its place, and robot's stamp in ns; None for an uncalibrated
+    one, whose values are zero.
+    """
     info = message_of(message, "CameraInfo")
     name = "K" if "K" in info else "k"
     intrinsic = floats(info, name, "CameraInfo", most=9)
@@ -386,9 +377,8 @@ def decode_camera_info(message: Any) -> Lens | None:
     height_px = count(info, "height", "CameraInfo", most=MAX_IMAGE_SIDE_PX)
     if fx_px <= 0.0 or fy_px <= 0.0 or not width_px or not height_px:
         return None
-    return Lens(
-        width_px, height_px, fx_px, fy_px, float(intrinsic[2]), float(intrinsic[5]), stamp_of(info, "CameraInfo")
-    )
+    model = CameraModel(width_px, height_px, fx_px, fy_px, float(intrinsic[2]), float(intrinsic[5]))
+    return model, stamp_of(info, "CameraInfo")
 
 
 def encode_string(value: str) -> Message:

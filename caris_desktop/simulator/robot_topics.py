@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.ros import action_messages, message_conversion
@@ -23,7 +24,6 @@ from caris_desktop.ros.message_conversion import (
     LOCALIZE_AT_POSE,
     NO_LIMIT,
     START_AT_GIVEN_POSE,
-    Lens,
     decode_audio_data,
     decode_joint_angles_with_speed,
     decode_joint_trajectory,
@@ -212,7 +212,7 @@ class RobotTopics:
         ros.publish(self.camera_topic, picture)
         info = ros.model.absolute(camera.info)
         if ros.wanted(info):
-            lens = Lens(WIDTH_PX, HEIGHT_PX, FOCAL_PX, FOCAL_PX, WIDTH_PX / 2.0, HEIGHT_PX / 2.0)
+            lens = CameraModel(WIDTH_PX, HEIGHT_PX, FOCAL_PX, FOCAL_PX, WIDTH_PX / 2.0, HEIGHT_PX / 2.0)
             ros.publish_stamped(info, message_conversion.encode_camera_info, lens, frame=camera.frame)
 
     def stop(self) -> None:

@@ -307,7 +307,7 @@ class MarkCard(Popup):
             self._focus_before = focused
         self._note_began_s = time.monotonic()
         self._note_for = "" if mark is None else mark.mark_id
-        at_ns = self._console.state.present.now_ns() if mark is None else _moment_ns(mark)
+        at_ns = self._console.state.present.now_ns() if mark is None else mark.moment_ns
         self._mark = None
         at = text_formatting.clock_time(at_ns, self._console.state.present.anchor)
         self._title.setText(tr("Note about {time}").format(time=at))
@@ -403,9 +403,9 @@ class MarkCard(Popup):
         if mark is None:
             return
         anchor = self._console.state.present.anchor
-        at = text_formatting.clock_time(_moment_ns(mark), anchor)
+        at = text_formatting.clock_time(mark.moment_ns, anchor)
         if mark.state == "open":
-            lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
+            lasts_s = (self._console.state.present.now_ns() - mark.moment_ns) / 1e9
             stretch = mark.label or tr("Interval")
             self._title.setText(f"{stretch} · {text_formatting.duration(lasts_s)}")
             since = tr("Since {time}, until you release the key") if self._held else tr("Since {time}")
@@ -419,9 +419,7 @@ class MarkCard(Popup):
             self._title.setText(text)
             parts = [at]
             if mark.end_ns is not None:
-                parts.append(
-                    tr("lasted {time}").format(time=text_formatting.age((mark.end_ns - _moment_ns(mark)) / 1e9))
-                )
+                parts.append(tr("lasted {time}").format(time=text_formatting.age((mark.end_ns - mark.moment_ns) / 1e9)))
             if self._earlier_s:
                 parts.append(tr("moved {time} s earlier").format(time=f"{self._earlier_s:.0f}"))
             if mark.note:
@@ -515,7 +513,3 @@ class MarkCard(Popup):
         taken = [window.place_in(self._window) for window in windows_above(self._window)]
         free = clear_place(usual, QRect(_EDGE_PX, top, self._window.width() - 2 * _EDGE_PX, usual.height()), taken)
         self.setGeometry(free or usual)
-
-
-def _moment_ns(mark: Marked) -> int:
-    return mark.stamp_ns if mark.start_ns is None else mark.start_ns

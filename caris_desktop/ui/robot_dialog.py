@@ -14,8 +14,7 @@ from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.plugins import BUILT_IN
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import profile_file_name, user_robots_dir
+from caris_desktop.robot.profile import ListedProfile, own_profile_file
 from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import layouts, text_formatting
@@ -61,7 +60,7 @@ def names_plugin(address: str) -> bool:
 
 
 class RobotDialog(FormDialog):
-    """The connected robot can be driven and stopped meanwhile. Ends with ``saved(RobotChoice)``."""
+    """The connected robot can be driven and stopped meanwhile. Ends with ``saved(ListedProfile)``."""
 
     saved = Signal(object)
 
@@ -324,7 +323,7 @@ class RobotDialog(FormDialog):
         else:
             self._note.show_note("green", "check-circle", tr("All streams are working."))
 
-    def _on_saved(self, choice: RobotChoice | UserFacingError) -> None:
+    def _on_saved(self, choice: ListedProfile | UserFacingError) -> None:
         self._set_busy("")
         if isinstance(choice, UserFacingError):
             self._show_failure(choice)
@@ -390,7 +389,7 @@ class RobotDialog(FormDialog):
         named = found and bool(self._title())
         self._file.setVisible(named)
         if named:
-            file = user_robots_dir() / profile_file_name(self._title())
+            file = own_profile_file(self._title())
             self._file.setText(tr("The profile will be saved as {file}.").format(file=file))
         self._scan_button.setEnabled(not self._busy)
         self._scan_button.set_label(tr("Scan again") if found else tr("Scan"))

@@ -129,7 +129,7 @@ class RobotPage(StepPage):
             # The button of the connected robot is checked.
             button = self._buttons[choice.name] = self.button(
                 f"robot_{choice.name}", choice.title, "robot", partial(self.robots.choose, choice), may_shrink=True,
-                checkable=True, enabled=not choice.problem, toolTip=choice.problem or choice.address,
+                checkable=True, enabled=not choice.error, toolTip=choice.error or choice.address,
             )  # fmt: skip
             button.clicked.connect(self._show_present)
             self._flow.add(button)

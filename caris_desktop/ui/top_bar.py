@@ -312,8 +312,7 @@ class TopBar(Bar, QWidget):
         label = metrics.elidedText(
             text_formatting.shortened(newest.label, 20), Qt.TextElideMode.ElideRight, _STRETCH_PX
         )
-        began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
-        lasts = text_formatting.duration((self._console.state.present.now_ns() - began_ns) / 1e9)
+        lasts = text_formatting.duration((self._console.state.present.now_ns() - newest.moment_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
         label, end = label or tr("Interval"), tr("End")
         before = self.stretch_button.sizeHint().width()

@@ -27,8 +27,9 @@ from caris_desktop.live.status import (
     LinkStatus,
     RecordingStatus,
 )
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice, WizardConsole
+from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.scenario.scenario_file import own_file
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import QuestionBanner
@@ -85,7 +86,7 @@ class RobotChooser(_Windows):
         self._explorer: LiveRobotExplorer | None = None
         self.choices = Remembered(console, self._read, self)
 
-    def _read(self) -> Sequence[RobotChoice]:
+    def _read(self) -> Sequence[ListedProfile]:
         return self._console.robots()
 
     @property
@@ -97,7 +98,7 @@ class RobotChooser(_Windows):
         """Enable robot discovery and saving profiles."""
         self._explorer = explorer
 
-    def choose(self, choice: RobotChoice) -> None:
+    def choose(self, choice: ListedProfile) -> None:
         """Connect another robot, after confirmation if that ends something."""
         lost = motion_that_ends(self._console.state)
         if self._console.state.recording.value.state in ("recording", "starting"):
@@ -112,23 +113,23 @@ class RobotChooser(_Windows):
             lambda: self._use(choice),
         )
 
-    def others(self) -> list[RobotChoice]:
+    def others(self) -> list[ListedProfile]:
         """Robots to which the console can switch."""
-        return [choice for choice in self.choices.now() if not self._is_current(choice) and not choice.problem]
+        return [choice for choice in self.choices.now() if not self._is_current(choice) and not choice.error]
 
     def fill_menu(self, menu: QMenu) -> None:
         """Fill the menu with the robots and an entry for discovery."""
         menu.clear()
         menu.setToolTipsVisible(True)
         choices, unusable = self.choices.now(), tr("{robot} · cannot be used")
-        titles = [unusable.format(robot=each.title) if each.problem else each.title for each in choices]
+        titles = [unusable.format(robot=each.title) if each.error else each.title for each in choices]
         rows = zip(titles, choices, strict=True)
         actions = add_choices(
             menu, ((in_menu(title), self._is_current(each), partial(self.choose, each)) for title, each in rows)
         )
         for action, choice in zip(actions, choices, strict=True):
-            action.setEnabled(not choice.problem)
-            action.setToolTip(choice.problem or choice.address)
+            action.setEnabled(not choice.error)
+            action.setToolTip(choice.error or choice.address)
         if self.can_detect:
             menu.addSeparator()
             menu.addAction(tr("Connect another robot…")).triggered.connect(self.open_dialog)
@@ -146,15 +147,15 @@ class RobotChooser(_Windows):
             dialog.saved.connect(self._on_saved)
         raise_window(dialog)
 
-    def _on_saved(self, choice: RobotChoice) -> None:
+    def _on_saved(self, choice: ListedProfile) -> None:
         self.choices.renew()  # an open list gets the new profile
         self.choose(choice)
 
-    def _use(self, choice: RobotChoice) -> None:
+    def _use(self, choice: ListedProfile) -> None:
         # Opening a refused profile has reported the reason.
         self._console.do(intents.UseRobot(choice.name))
 
-    def _is_current(self, choice: RobotChoice) -> bool:
+    def _is_current(self, choice: ListedProfile) -> bool:
         robot = self._console.state.robot.value
         if robot is not None:
             return bool(robot.name == choice.name)

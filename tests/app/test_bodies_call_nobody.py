@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import process_entry_points
+from caris_desktop.app.process_entry_points import EntryPoint
 from tests.app.test_calls_home import SWITCHES
 from tests.app.traced_body import Driven
 from tests.conversation.sound_server import SoundServer
@@ -23,8 +25,8 @@ _ELSEWHERE = re.compile(
 _HERE = re.compile(r"127\..*|::1|::ffff:127\..*|0\.0\.0\.0|::")
 _BODIES = {
     name
-    for name, one in inspect.getmembers(process_entry_points, inspect.isfunction)
-    if one.__module__ == process_entry_points.__name__
+    for name, one in vars(process_entry_points).items()
+    if isinstance(one, EntryPoint) or (inspect.isfunction(one) and one.__module__ == process_entry_points.__name__)
 }
 # Entry points that are started on demand.
 _OTHERS = {"run_exports", "run_overview", "run_face_page"}
@@ -56,6 +58,12 @@ def test_every_body_can_be_driven_here() -> None:
     """A new entry point needs a driver here, to check its connections."""
     drivers = {name for name, _ in inspect.getmembers(Driven, inspect.isfunction)} - {"__init__", "picture"}
     assert drivers == _BODIES | _OTHERS
+
+
+def test_every_entry_point_names_a_function() -> None:
+    for one in vars(process_entry_points).values():
+        if isinstance(one, EntryPoint):
+            assert inspect.isfunction(pkgutil.resolve_name(one.name))
 
 
 @pytest.mark.timeout(400)

@@ -20,9 +20,10 @@ from caris_desktop.conversation.embedded_server import EmbeddedReady, ModelAdded
 from caris_desktop.conversation.face.page import PageOpened, run_face_page
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.sound_devices import BeginPlaying, MicrophoneList, OpenMicrophone, PlayThis
-from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
+from caris_desktop.conversation.synthesis_messages import SynthesisReady, SynthesisSettings, UseVoice
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, SessionEnded, SessionStarted, UtteranceChanged
+from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
 from caris_desktop.live.erasure_run import ErasureRequest, ForgettingEnded
@@ -52,7 +53,7 @@ class Body:
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
         self._told: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._child = ChildProcess(
-            ProcessSpec(target.__name__, target, arguments),
+            ProcessSpec("traced", target, arguments),
             on_message=lambda value, _raw: self._told.put(value),
             on_exit=lambda code: self._told.put(code),
         )
@@ -115,7 +116,7 @@ class Driven:
         body = Body(process_entry_points.speech)
         body.send(UseVoice(SynthesisSettings("piper:en_US-joe-medium", "en", at_hand=True)))
         body.until(SynthesisReady)
-        body.send(Speak("u1", "Hello, and welcome.", "typed"))
+        body.send(Say(clock.now_ns(), "u1", "Hello, and welcome."))
         while body.until(UtteranceChanged).state not in ("finished", "failed"):
             pass
         return body

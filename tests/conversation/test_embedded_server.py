@@ -35,7 +35,7 @@ _CONTEXT = multiprocessing.get_context("spawn")
 class Server:
     """The server process as started by the console."""
 
-    def __init__(self, *settings: int) -> None:
+    def __init__(self, *settings: str | int) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
         self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs, *settings), daemon=True)
         self.process.start()
@@ -51,7 +51,7 @@ def server() -> Iterator[Server]:
     if missing := missing_for_embedded():
         pytest.skip(missing)
     # Normal priority, so that a busy machine does not decide the result.
-    server = Server(0)
+    server = Server("", 0)
     yield server
     server.connection.close()
     server.process.join(10)

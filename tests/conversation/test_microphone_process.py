@@ -22,8 +22,10 @@ from caris_desktop.conversation.sound_devices import (
     run_microphone,
 )
 from caris_desktop.conversation.synthesis import run_synthesis
-from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
+from caris_desktop.conversation.synthesis_messages import SynthesisReady, SynthesisSettings, UseVoice
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
@@ -95,7 +97,7 @@ def test_robot_speech_is_recorded_when_a_microphone_picks_it_up(sound: SoundServ
         speech.connection.send(UseVoice(SynthesisSettings(rate=1.8)))
         assert speech.wait_for(SynthesisReady).audible
         microphone.wait_for(AudioChunk)
-        speech.connection.send(Speak("u1", "Welcome to the robot laboratory. Please follow me.", "typed"))
+        speech.connection.send(Say(clock.now_ns(), "u1", "Welcome to the robot laboratory. Please follow me."))
         start = speech.wait_for(UtteranceChanged, state="started")
         end = speech.wait_for(UtteranceChanged, state="finished")
         microphone.listen_for(1.0)

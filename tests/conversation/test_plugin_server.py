@@ -44,7 +44,7 @@ class Running:
     def __init__(self, folder: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
         install(folder, "language_models", "lab", module, monkeypatch)
         self.connection, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs, 0, "plugin:lab"), daemon=True)
+        self.process = _CONTEXT.Process(target=run_embedded_server, args=(theirs, "plugin:lab", 0), daemon=True)
         self.process.start()
         theirs.close()
 

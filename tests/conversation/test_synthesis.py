@@ -26,9 +26,6 @@ from caris_desktop.conversation.synthesis import (
     speakable,
 )
 from caris_desktop.conversation.synthesis_messages import (
-    SilenceSpeech,
-    Speak,
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -36,6 +33,7 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
+from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.examples import examples
@@ -66,10 +64,10 @@ class Speech:
         return self._connection
 
     def say(self, utterance_id: str, text: str = SENTENCE) -> None:
-        self._connection.send(Speak(utterance_id, text, "typed", "wizard:a"))
+        self._connection.send(Say(clock.now_ns(), utterance_id, text, "wizard:a"))
 
     def silence(self) -> int:
-        self._connection.send(SilenceSpeech("wizard:b"))
+        self._connection.send(Silence(clock.now_ns(), "wizard:b"))
         return clock.now_ns()
 
     def wait(self, matches: Callable[[Any], bool], what: str, *, timeout_s: float = 30.0) -> Any:
@@ -224,7 +222,7 @@ def test_playback_is_reported_as_it_begins_and_when_it_is_cut_off(
 ) -> None:
     speech = start_speech(sound)
     speech.wait_ready()
-    speech.connection.send(Speak("u1", "Yes, Ada.", "typed", "wizard:a", recorded="Yes, {p-1}."))
+    speech.connection.send(Say(clock.now_ns(), "u1", "Yes, Ada.", "wizard:a", recorded="Yes, {p-1}."))
     start = speech.wait_state("u1", "started")
     end = speech.wait_state("u1", "finished")
     assert (start.text, end.text) == ("Yes, {p-1}.",) * 2, "a name is spoken and its id recorded"
@@ -283,7 +281,7 @@ def test_a_start_that_is_reported_before_its_sound_is_a_start(order: tuple[str, 
     desk = _Synthesis(theirs, SynthesisDeadlines(open_s=0.0, heartbeat_s=60.0), queue.SimpleQueue())
     desk._engine = ToldEngine()  # type: ignore[assignment]
     desk._enter("idle", None)
-    desk._on_command(Speak("u1", "Yes.", "typed"))
+    desk._on_command(Say(clock.now_ns(), "u1", "Yes."))
     desk._go_on()
     events = {
         "part": {"event": "part", "number": 1, "at": 0, "rate_hz": 1000, "sound": bytes(2000)},
@@ -415,9 +413,9 @@ def test_a_computer_without_a_voice_says_what_to_install(
     broken.write_text("def init():\n    raise OSError('libespeak-ng.so.1: cannot open shared object file')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     speech = start_speech(None)
-    failed: SynthesisFailed = speech.wait(lambda message: isinstance(message, SynthesisFailed), "the failure is told")
-    assert "libespeak-ng.so.1" in failed.problem.what
-    assert "apt install espeak-ng" in failed.problem.advice
+    failed: Problem = speech.wait(lambda message: isinstance(message, Problem), "the failure is told")
+    assert "libespeak-ng.so.1" in failed.what
+    assert "apt install espeak-ng" in failed.advice
     speech.say("u1")
     assert "no voice" in speech.wait_state("u1", "failed").detail
     broken.unlink()

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.sound_devices import MicrophoneAlive
-from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
+from caris_desktop.domain.events import Marked, Problem, VoiceOutput
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
@@ -133,27 +132,16 @@ def silent_link(connection: Connection) -> None:
             return
 
 
-def voice(connection: Connection) -> None:
+def voice(connection: Connection, output: VoiceOutput) -> None:
     """Speech backend double, of the robot or this computer: speaks at once and reports it."""
     while True:
         try:
             asked = connection.recv()
         except EOFError:
             return
-        if isinstance(asked, Speak | Say):
+        if isinstance(asked, Say):
             for state in ("started", "finished"):
-                connection.send(
-                    UtteranceChanged(
-                        clock.now_ns(),
-                        asked.utterance_id,
-                        "robot",
-                        asked.text,
-                        asked.origin,
-                        state,  # type: ignore[arg-type]
-                        voice="computer" if isinstance(asked, Speak) else "robot",
-                        actor=asked.actor,
-                    )
-                )
+                connection.send(asked.reported(clock.now_ns(), state, output))
 
 
 def deaf_to(connection: Connection, _request: object) -> None:

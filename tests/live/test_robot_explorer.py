@@ -10,9 +10,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
-from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, StreamCheck
-from caris_desktop.robot.profile import load_profile, user_robots_dir
+from caris_desktop.robot.profile import ListedProfile, load_profile, user_robots_dir
 from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import profile_of
 from tests.support.simulated_robot import SimulatedRobot
@@ -60,7 +59,7 @@ def test_a_robot_is_looked_at_listened_to_and_saved(qtbot: QtBot, explorer: Live
     assert states["scan"] == "good"
     assert states["odometry"] == "good"
     saved = save(qtbot, explorer, profile, "Lab robot")
-    assert isinstance(saved, RobotChoice)
+    assert isinstance(saved, ListedProfile)
     assert (saved.name, saved.title) == ("lab-robot", "Lab robot")
     assert load_profile("lab-robot").scan == profile.scan
     again = save(qtbot, explorer, profile, "Lab robot")

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.control_definitions import Reading, RobotControl, SendActionGoal
 from caris_desktop.domain.events import LinkChanged, Problem
@@ -81,9 +82,7 @@ GOOD: dict[str, dict[str, Any]] = {
     "/plan": message_conversion.encode_path(ROS1, np.ones((3, 2), np.float32), stamp_ns=STAMP_NS),
     "/battery": message_conversion.encode_battery_state(ROS1, BatteryState(0, 0.5), stamp_ns=STAMP_NS),
     "/camera": message_conversion.encode_compressed_image(ROS1, b"\xff\xd8\xff", stamp_ns=STAMP_NS),
-    "/info": message_conversion.encode_camera_info(
-        ROS1, message_conversion.Lens(4, 3, 2.0, 2.0, 2.0, 1.5), stamp_ns=STAMP_NS
-    ),
+    "/info": message_conversion.encode_camera_info(ROS1, CameraModel(4, 3, 2.0, 2.0, 2.0, 1.5), stamp_ns=STAMP_NS),
     "/clock": message_conversion.encode_clock(ROS1, STAMP_NS),
     "/stop": {"data": False},
     "/joint_states": message_conversion.encode_joint_state(ROS1, {"pan": 0.1, "tilt": 0.2}, stamp_ns=STAMP_NS),

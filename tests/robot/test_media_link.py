@@ -19,7 +19,7 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_media_link
 from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, TopicSource
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.message_conversion import Lens, encode_camera_info, encode_occupancy_grid_update
+from caris_desktop.ros.message_conversion import encode_camera_info, encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 from tests.support.polling import wait_for
@@ -177,7 +177,7 @@ def test_a_camera_reports_its_own_lens_and_the_profile_where_it_is() -> None:
     robot = RobotProfile("test", "Test", cameras=(CameraTopic("front", "/image", model=model, info="/info"),))
 
     async def test(bench: LoopBench) -> None:
-        lens = Lens(1280, 720, 900.0, 910.0, 650.0, 355.0)
+        lens = CameraModel(1280, 720, 900.0, 910.0, 650.0, 355.0)
         await bench.bridge.publish("/info", encode_camera_info(Dialect.ROS1, replace(lens, fx_px=0.0), stamp_ns=1))
         await bench.bridge.publish("/info", encode_camera_info(Dialect.ROS1, lens, stamp_ns=7))
         await bench.until(lambda: bench.of(CameraLens), "the lens")

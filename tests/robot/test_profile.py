@@ -20,10 +20,10 @@ from caris_desktop.robot.profile import (
     leaves_ros_open,
     list_profiles,
     load_profile,
+    own_profile_file,
     parse_profile,
     polygon_mistake,
     profile_data,
-    profile_file_name,
     profile_yaml,
     read_profile,
     save_profile,
@@ -421,8 +421,8 @@ def test_a_base_that_may_not_stop_automatically_is_driven_at_half_speed() -> Non
 
 
 def test_a_title_becomes_a_file_name() -> None:
-    assert profile_file_name("Ümit's Robot 2 (ROS 1)") == "umit-s-robot-2-ros-1.yaml"
-    assert profile_file_name("机器人") == "robot.yaml"
+    assert own_profile_file("Ümit's Robot 2 (ROS 1)").name == "umit-s-robot-2-ros-1.yaml"
+    assert own_profile_file("机器人").name == "robot.yaml"
 
 
 NAMES = st.from_regex(r"\A/?[a-z][a-z0-9]{0,6}(/[a-z][a-z0-9]{0,4}){0,2}\Z")

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
 from caris_desktop.ros import action_messages, message_conversion, rosbridge
@@ -306,7 +307,7 @@ DECODERS: dict[str, tuple[Callable[[Any], Any], dict[str, Any]]] = {
         message_conversion.decode_camera_info,
         over_json(
             message_conversion.encode_camera_info(
-                Dialect.ROS1, message_conversion.Lens(2, 2, 1.0, 1.0, 1.0, 1.0), stamp_ns=STAMP_NS
+                Dialect.ROS1, CameraModel(2, 2, 1.0, 1.0, 1.0, 1.0), stamp_ns=STAMP_NS
             )
         ),
     ),

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry
 from caris_desktop.ros import message_conversion
@@ -47,7 +48,7 @@ def latched_messages() -> dict[str, tuple[str, Message]]:
         "/camera_info": (
             "sensor_msgs/CameraInfo",
             message_conversion.encode_camera_info(
-                ros, message_conversion.Lens(640, 480, 500.0, 500.0, 320.0, 240.0), stamp_ns=STAMP_NS
+                ros, CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0), stamp_ns=STAMP_NS
             ),
         ),
     }

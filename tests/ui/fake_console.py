@@ -62,12 +62,13 @@ from caris_desktop.live.status import (
     RecordingStatus,
     VoiceStatus,
 )
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.session.session_marks import final_marks_of, notes_among
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.scenario.scenario_model import Place, Scenario, layout_from_data
 
 
@@ -241,10 +242,10 @@ class FakeConsole:
         states[control] = ControlStatus("requested", value)
         self.state.control_states.set(states)
 
-    def robots(self) -> list[RobotChoice]:
+    def robots(self) -> list[ListedProfile]:
         return [
-            RobotChoice("simulated", "Simulated robot", "ws://127.0.0.1:9090"),
-            RobotChoice("tiago", "TIAGo", "ws://tiago:9090"),
+            ListedProfile("simulated", "Simulated robot", "ws://127.0.0.1:9090"),
+            ListedProfile("tiago", "TIAGo", "ws://tiago:9090"),
         ]
 
     def use_robot(self, robot: str) -> bool:

@@ -11,9 +11,8 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, Resemblance, StreamCheck
-from caris_desktop.robot.profile import load_profile, user_robots_dir
+from caris_desktop.robot.profile import ListedProfile, load_profile, user_robots_dir
 from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
@@ -155,7 +154,7 @@ def test_a_chosen_topic_is_checked_and_saved_and_then_the_robot_is_used(
         "/scan_rear",
         "Lab robot",
     )
-    explorer.done(RobotChoice("lab-robot", "Lab robot", ADDRESS))
+    explorer.done(ListedProfile("lab-robot", "Lab robot", ADDRESS))
     assert console.named("use_robot") == ["lab-robot"]
     assert not dialog.isVisible()
 
@@ -249,7 +248,7 @@ def test_the_list_of_robots_on_show_has_what_the_disk_lists_meanwhile(
     title = f"Robot: {console.state.link.value.robot}"
     menus = [menu for menu in window.findChildren(QMenu) if menu.title() == title]
     menus[-1].popup(QPoint(0, 0))
-    listed = [*console.robots(), RobotChoice("bad", "bad.yaml", "", "line 3: 'limits' must be ...")]
+    listed = [*console.robots(), ListedProfile("bad", "bad.yaml", "", error="line 3: 'limits' must be ...")]
     monkeypatch.setattr(console, "robots", lambda: listed)
     try:
         console.answer_of_disk()

@@ -32,7 +32,7 @@ from caris_desktop.live.status import (
     PerceptionStatus,
     RecordingStatus,
 )
-from caris_desktop.live.wizard_console import RobotChoice
+from caris_desktop.robot.profile import ListedProfile
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import (
     LayoutNode,
@@ -553,13 +553,13 @@ def test_the_robots_are_listed_and_another_is_requested_when_something_would_end
 def test_a_robot_whose_profile_is_broken_is_listed_with_the_reason(
     window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = RobotChoice("mine", "mine", "", "line 3: 'speed' is not known")
+    broken = ListedProfile("mine", "mine", "", error="line 3: 'speed' is not known")
     monkeypatch.setattr(console, "robots", lambda: [broken])
     window.menus.open_robot_menu()
     menu = window.findChild(QMenu, "robot_menu")
     assert menu is not None
     action = menu.actions()[0]
-    assert (action.text(), action.isEnabled(), action.toolTip()) == ("mine · cannot be used", False, broken.problem)
+    assert (action.text(), action.isEnabled(), action.toolTip()) == ("mine · cannot be used", False, broken.error)
     menu.close()
 
 

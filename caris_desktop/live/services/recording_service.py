@@ -23,6 +23,7 @@ from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.recorder_messages import (
+    ARRIVED,
     BlurDemand,
     OfferMarkers,
     PauseRecording,
@@ -38,8 +39,6 @@ from caris_desktop.scenario.scenario_model import Scenario
 
 # Feed of all events and values to the recorder process: queue bounded in bytes, before any conflation.
 
-# Prefix of a timestamp before a pickle, which begins with another byte: eight bytes of the session clock follow.
-ARRIVED = b"T"
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 VERDICTS_WITHIN_S = 6.0
 """Maximum wait at the end of a session for transcripts of earlier turns: a pass of the recogniser on a busy machine

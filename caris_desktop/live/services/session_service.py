@@ -97,7 +97,7 @@ class MarksService(Service):
         mark = self._marks.get(intent.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
             now_ns = clock.now_ns()
-            self._persist(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=intent.actor))
+            self._persist(replace(mark, stamp_ns=now_ns, start_ns=mark.moment_ns, state="open", actor=intent.actor))
 
     def end_mark(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.get(mark_id)
@@ -114,7 +114,7 @@ class MarksService(Service):
         mark = self._marks.get(intent.mark_id)
         if mark is None:
             return
-        start_ns = _moment_ns(mark) - round(intent.earlier_s * _NANOSECONDS)
+        start_ns = mark.moment_ns - round(intent.earlier_s * _NANOSECONDS)
         label = mark.label if intent.label is None else intent.label
         # The stamp becomes the time of the change.
         self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=intent.actor))
@@ -144,7 +144,7 @@ class MarksService(Service):
         mark = self._of_this_session(note_id)
         if mark.kind == "note":
             text = _written(text)
-        at_ns = _moment_ns(mark)
+        at_ns = mark.moment_ns
         self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=at_ns, note=" ".join(text.split()), actor=actor))
 
     def remove_note(self, intent: intents.RemoveNote) -> None:
@@ -156,7 +156,7 @@ class MarksService(Service):
     def restore_note(self, intent: intents.RestoreNote) -> None:
         note = self._withdrawn.pop(intent.note_id, None)
         if note is not None:
-            self._persist(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=intent.actor))
+            self._persist(replace(note, stamp_ns=clock.now_ns(), start_ns=note.moment_ns, actor=intent.actor))
 
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)
@@ -183,10 +183,6 @@ class MarksService(Service):
     def _show(self, last: Marked | None) -> None:
         going_on = tuple(mark for mark in self._marks.values() if mark.state == "open")
         self._state.marks.set(MarksStatus(last, going_on))
-
-
-def _moment_ns(mark: Marked) -> int:
-    return mark.stamp_ns if mark.start_ns is None else mark.start_ns
 
 
 def _written(text: str) -> str:

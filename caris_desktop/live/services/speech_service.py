@@ -10,9 +10,6 @@ from typing import Any
 from caris_desktop.conversation.synthesis_messages import (
     Draft,
     Prepare,
-    SilenceSpeech,
-    Speak,
-    SynthesisFailed,
     SynthesisReady,
     SynthesisSettings,
     UseVoice,
@@ -20,7 +17,14 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import (
+    UTTERANCE_ENDS,
+    LinkChanged,
+    Problem,
+    SuggestionChanged,
+    UtteranceChanged,
+    VoiceChanged,
+)
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -43,33 +47,38 @@ from caris_desktop.scenario.phrases import sentences
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-class LinkVoice:
-    """Robot text-to-speech; its link reports."""
+class ComputerVoice:
+    """This computer's voice, as used by the queue; its process reports."""
 
-    def __init__(self, state: LiveState, robot: RobotPort) -> None:
+    def __init__(self, state: LiveState, port: RobotPort | SupervisedProcess) -> None:
         self._state = state
-        self._robot = robot
+        self._port = port
+
+    @property
+    def held_up(self) -> bool:
+        return False
+
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        return self._port.send(
+            Say(
+                utterance.stamp_ns, utterance.utterance_id, spoken, utterance.actor, utterance.origin,
+                utterance.person_id, recorded=utterance.text, language=self._state.voice.value.language,
+            )
+        )  # fmt: skip
+
+    def silence(self, actor: Actor) -> bool:
+        return self._port.send(Silence(clock.now_ns(), actor))
+
+
+class LinkVoice(ComputerVoice):
+    """Robot text-to-speech; its link reports."""
 
     @property
     def held_up(self) -> bool:
         return bool(self._state.link.value.state == "trouble")
 
     def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
-        return self._state.link.value.state == "connected" and self._robot.send(
-            Say(
-                utterance.stamp_ns,
-                utterance.utterance_id,
-                spoken,
-                utterance.actor,
-                utterance.origin,
-                utterance.person_id,
-                recorded=utterance.text,
-                language=self._state.voice.value.language,
-            )
-        )
-
-    def silence(self, actor: Actor) -> bool:
-        return self._robot.send(Silence(clock.now_ns(), actor))
+        return self._state.link.value.state == "connected" and super().say(utterance, spoken)
 
 
 class SpeechService(ContextService):
@@ -94,7 +103,9 @@ class SpeechService(ContextService):
         self._phrases: tuple[str, ...] = ()
         self._suggested: dict[str, str] = {}
         self._prepared: tuple[str, ...] = ()
-        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(self._state, robot), "computer": _Computer(self)}
+        voices: dict[VoiceKind, Voice] = {
+            "robot": LinkVoice(self._state, robot), "computer": ComputerVoice(self._state, self._process),
+        }  # fmt: skip
         self._permitted = True
         self._started = self._stopped = False
         self.queue = SpeechQueue(self._state, voices, self._bus.publish, self)
@@ -139,7 +150,7 @@ class SpeechService(ContextService):
         if not self._permitted or self._process.child is not None or not self._started or self._stopped:
             return
         self._process.start(self._body)
-        self.send(UseVoice(self._settings))
+        self._process.send(UseVoice(self._settings))
         self._prepared = ()
         self._prepare()
 
@@ -158,10 +169,6 @@ class SpeechService(ContextService):
         self._soon.stop()
         self._process.ask_to_end()
 
-    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
-        """Send to this computer's voice without waiting; False if impossible."""
-        return self._process.send(message)
-
     def on_heard(self, message: Any) -> None:
         """Handle a status message of this computer's voice."""
         match message:
@@ -171,7 +178,7 @@ class SpeechService(ContextService):
                 self._state.voice.update(used=message.voice)
             case VoicesFound(voices):
                 self._state.voice.update(choices=voices)
-            case SynthesisFailed(problem) | (Problem() as problem):
+            case Problem() as problem:
                 # The voice itself reports which utterances failed; one sent meanwhile it still tries to speak.
                 self._notify(localize_problem(problem))
 
@@ -194,7 +201,7 @@ class SpeechService(ContextService):
         if not self._settings.tunes(before):
             used = ""
             self._state.speech.update(ready=False, detail="")
-        self.send(UseVoice(self._settings, actor))
+        self._process.send(UseVoice(self._settings, actor))
         self.queue.use_voice(output)
         self._state.voice.set(
             VoiceStatus(
@@ -255,12 +262,12 @@ class SpeechService(ContextService):
             return
         waiting = (utterance.text for utterance in self._state.speech.value.waiting)
         texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
-        if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
+        if self._settings.at_hand and texts != self._prepared and self._process.send(Prepare(texts)):
             self._prepared = texts
 
     def _draft(self, intent: intents.DraftSpeech) -> None:
         if self._settings.at_hand and "{" not in intent.text:
-            self.send(Draft(intent.text))
+            self._process.send(Draft(intent.text))
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
@@ -315,33 +322,6 @@ class SpeechService(ContextService):
         self.queue.on_voice_lost(kind, detail)
 
 
-class _Computer:
-    """This computer's voice, as used by the queue."""
-
-    held_up = False
-
-    def __init__(self, service: SpeechService) -> None:
-        self._service = service
-
-    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
-        return self._service.send(
-            Speak(
-                utterance.utterance_id,
-                spoken,
-                utterance.origin,
-                utterance.actor,
-                utterance.person_id,
-                recorded=utterance.text,
-            )
-        )
-
-    def silence(self, actor: Actor) -> bool:
-        return self._service.send(SilenceSpeech(actor))
-
-
-_ENDS = ("finished", "interrupted", "failed")
-
-
 class DualSpeechOutput:
     """Dual speech output: the robot and this computer speak the same utterance.
 
@@ -393,7 +373,7 @@ class DualSpeechOutput:
         return True
 
     def _follows(self, change: UtteranceChanged) -> UtteranceChanged | None:
-        if change.state in _ENDS:
+        if change.state in UTTERANCE_ENDS:
             self._speaking.discard(change.voice)
             self._ended.append(change)
             return None if self._speaking else _last_word(self._ended)
@@ -403,7 +383,7 @@ class DualSpeechOutput:
 
 def _last_word(ended: list[UtteranceChanged]) -> UtteranceChanged:
     """Combined outcome: the utterance counts as spoken if one voice finished it; the detail has the other's outcome."""
-    best = min(ended, key=lambda one: ("finished", "interrupted", "failed").index(one.state))
+    best = min(ended, key=lambda one: UTTERANCE_ENDS.index(one.state))
     return replace(
         best,
         stamp_ns=max(one.stamp_ns for one in ended),

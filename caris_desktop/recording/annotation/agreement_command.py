@@ -1,13 +1,13 @@
 """``caris-desktop agreement``: how far the coders of a session agree."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.annotation.coder_agreement import coders_report, compare_coders
 from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.terminal import reporting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,14 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@reporting(SessionError, AnnotationError)
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if compared, 1 if not (reason on stderr)."""
-    try:
-        read_header(args.session)
-        document = load_documents(args.session)
-        results = compare_coders(document, args.coders, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance)
-    except (SessionError, AnnotationError) as error:
-        print(error, file=sys.stderr)
-        return 1
+    read_header(args.session)
+    document = load_documents(args.session)
+    results = compare_coders(document, args.coders, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance)
     print("\n".join(coders_report(result) for result in results), end="")
     return 0

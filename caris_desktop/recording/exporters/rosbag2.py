@@ -282,12 +282,9 @@ class _Translator:
         model, frame = lens.model, optical_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
-        camera_model = message_conversion.Lens(
-            model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px
-        )
         yield (
             RosTopic(f"/camera/{self._name_of(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
-            message_conversion.encode_camera_info(_PLAIN, camera_model, stamp_ns=at_ns, frame_id=frame),
+            message_conversion.encode_camera_info(_PLAIN, model, stamp_ns=at_ns, frame_id=frame),
         )
 
     def _image(self, ref: FrameRef, at_ns: int) -> _Out:

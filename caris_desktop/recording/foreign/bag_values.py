@@ -401,13 +401,13 @@ class MessageConverter:
                 yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose.floor)
 
     def _lens(self, camera: str, message: Message, at_ns: int) -> Iterator[CameraLens]:
-        lens = message_conversion.decode_camera_info(message)
-        if lens is None:
+        decoded_info = message_conversion.decode_camera_info(message)
+        if decoded_info is None:
             return
-        model = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
+        model, robot_stamp_ns = decoded_info
         if self._lenses.get(camera) != model:
             self._lenses[camera] = model
-            yield CameraLens(at_ns, lens.robot_stamp_ns, camera, model)
+            yield CameraLens(at_ns, robot_stamp_ns, camera, model)
 
     def _utterance(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[UtteranceChanged]:
         sentence = message_conversion.decode_string(message).strip()

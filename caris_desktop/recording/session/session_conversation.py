@@ -9,6 +9,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
 from caris_desktop.domain.events import (
     RESPONSE_LIMIT_S,
+    UTTERANCE_ENDS,
     AnswerUsed,
     LlmExchange,
     ReplyMeans,
@@ -30,7 +31,6 @@ UTTERANCE_STREAMS = ("event/utterance_changed", "event/utterance_corrected")
 PRESENT_SHARE, _ALONE = 0.8, 0.78
 """Who was alone there for that share of an utterance is taken for its speaker. They are so with a likelihood of 0.78,
 as the console reckons of somebody whose distance and gaze it does not know: somebody may speak whom no camera sees."""
-_ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 
 class SpokenUtterance(Value):
@@ -153,7 +153,7 @@ def _with(known: SpokenUtterance, event: UtteranceChanged) -> SpokenUtterance:
         requested_ns=requested_ns,
         start_ns=start_ns,
         end_ns=end_ns,
-        state=known.state if known.state in _ENDED and event.state not in _ENDED else event.state,
+        state=known.state if known.state in UTTERANCE_ENDS and event.state not in UTTERANCE_ENDS else event.state,
         voice=event.voice or known.voice,
         detail=event.detail or known.detail,
         # The event of an interruption names who interrupted.

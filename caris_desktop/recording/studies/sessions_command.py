@@ -8,9 +8,8 @@ from pathlib import Path
 from caris_desktop.recording.session.session_header import clock_text
 from caris_desktop.recording.studies.study_index import StudyIndex
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
-from caris_desktop.recording.terminal import ProgressLine, aligned
+from caris_desktop.recording.terminal import ProgressLine, aligned, reporting
 
-_CANCELLED = 130
 _FILTERS = (
     ("participant", "sessions of this participant"),
     ("condition", "sessions of this condition"),
@@ -40,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rebuild", action="store_true", help="discard the index and read every session again")
 
 
+@reporting(cancelled="Cancelled. The sessions read so far are saved for the next time.")
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if something was found, 1 if not or if the study cannot be read, 130 cancelled."""
     if not args.study.is_dir():
@@ -57,9 +57,6 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{args.study} cannot be read: {error.strerror or error}.", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("\nCancelled. The sessions read so far are saved for the next time.", file=sys.stderr)
-        return _CANCELLED
     finally:
         index.close()
     if index.message:

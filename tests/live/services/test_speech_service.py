@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.synthesis_messages import Draft, Prepare, SynthesisFailed
+from caris_desktop.conversation.synthesis_messages import Draft, Prepare
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import (
     ANSWER,
@@ -86,7 +86,7 @@ class Bench:
         self.children = ProcessManager(self.bus, self.owner)
         self.speech = SpeechService(
             context_of(self.state, self.bus, self.owner, children=self.children),
-            ProcessSpec("speech", voice),
+            ProcessSpec("speech", voice, ("computer",)),
             robot=self,
         )
         self.bus.follow(self.speech.follows())
@@ -96,7 +96,7 @@ class Bench:
 
     def new_link(self) -> ChildProcess:
         return self.children.start(
-            ProcessSpec("control", voice),
+            ProcessSpec("control", voice, ("robot",)),
             ended=lambda _child: None,
             on_message=self.speech.on_heard,
             reads=self.speech.read,
@@ -177,7 +177,7 @@ def test_the_next_utterance_begins_once_the_gui_thread_knows_the_end(bench: Benc
 def test_reports_of_a_replaced_link_are_not_recorded(bench: Bench, qtbot: QtBot) -> None:
     bench.speech.queue.use_voice("robot")
     before = bench.link
-    mute = ChildProcess(ProcessSpec("control", voice), on_message=lambda _value, _raw: None)
+    mute = ChildProcess(ProcessSpec("control", voice, ("robot",)), on_message=lambda _value, _raw: None)
     mute.start()
     bench.link = mute  # a link that receives the sentence and dies
     bench.speech.queue.say("Hello", "typed")
@@ -204,7 +204,7 @@ def test_a_failed_voice_does_not_fail_the_utterance_that_it_tries_next(bench: Be
     os.kill(pid, signal.SIGSTOP)  # the report of the failure was sent before it received the utterance
     try:
         bench.speech.queue.say("Hello", "phrase")
-        bench.speech.on_heard(SynthesisFailed(failed))
+        bench.speech.on_heard(failed)
     finally:
         os.kill(pid, signal.SIGCONT)
     qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
@@ -221,7 +221,8 @@ def test_likely_texts_are_synthesised_ahead_the_likeliest_first(
         sent.append(message)
         return True
 
-    monkeypatch.setattr(bench.speech, "send", send)
+    (process,) = bench.speech.supervised()
+    monkeypatch.setattr(process, "send", send)
     scenario = replace(
         load_scenario(layouts_dir() / "tour-guide.yaml"), voice="robot", phrases=("Hi.",), filler="Hm.", fillers=()
     )

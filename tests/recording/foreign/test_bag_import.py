@@ -24,6 +24,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, InitialPoseSet, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.schema import to_jsonable
@@ -120,7 +121,7 @@ def robot_messages() -> Iterator[Written]:
         yield "/cmd_vel", "geometry_msgs/msg/Twist", at + 4, message_conversion.encode_twist(Twist2D(x_m, 0.0, -0.2))
         yield "/camera/rgb/image_raw", "sensor_msgs/msg/Image", at + 5, raw_image(at // 100, stamp(at + 5))
         yield "/head/image/compressed", "sensor_msgs/msg/CompressedImage", at + 6, jpeg_image(at // 100, stamp(at + 6))
-        lens = message_conversion.Lens(160, 90, 100.0, 101.0, 80.0, 45.0)
+        lens = CameraModel(160, 90, 100.0, 101.0, 80.0, 45.0)
         info = message_conversion.encode_camera_info(ROS2, lens, stamp_ns=stamp(at + 7))
         yield "/camera/rgb/camera_info", "sensor_msgs/msg/CameraInfo", at + 7, info
     path = message_conversion.encode_path(ROS2, np.array([[0, 0], [1, 1]], np.float32), stamp_ns=1, frame_id="odom")

@@ -21,8 +21,7 @@ from caris_desktop.live.status import (
     ModelChoice,
     PreflightCheck,
 )
-from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile import ListedProfile, load_profile
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.first_use import DRIVEN_KEY, SET_UP_KEY, DriveHint, FirstUse
@@ -154,7 +153,7 @@ def test_a_robot_whose_profile_was_just_saved_has_its_button(
     robots.open_dialog()
     dialog = ground.findChild(RobotDialog)
     assert dialog is not None
-    saved = RobotChoice("lab-robot", "Lab robot", "ws://lab-robot:9090")
+    saved = ListedProfile("lab-robot", "Lab robot", "ws://lab-robot:9090")
     listed = [*console.robots(), saved]
     monkeypatch.setattr(console, "robots", lambda: listed)
     dialog.accept()
