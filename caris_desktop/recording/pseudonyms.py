@@ -40,6 +40,7 @@ _ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
 _ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
 _ANOTHER = "another"
 _ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
+_IN_ADDRESS = b"s:/"  # one more slash would be looked for slowly in maps, whose unknown cells are slashes in base64
 
 
 class Pseudonyms(Value):
@@ -162,7 +163,7 @@ def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
         return next((name for place, name in places.items() if place.lower() in found.lower()), default)
 
     def scrub(content: bytes) -> bytes:
-        if b"ws://" in content or b"wss://" in content:
+        if _IN_ADDRESS in content:
             content = _ADDRESS.sub(in_place, content)
         for place in ordered:
             if of_host is not None and place in content:
