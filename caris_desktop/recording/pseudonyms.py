@@ -39,7 +39,7 @@ _OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - compar
 _ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
 _ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
 _ANOTHER = "another"
-_ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
+_ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+", re.IGNORECASE)
 _IN_ADDRESS = b"s:/"  # one more slash would be looked for slowly in maps, whose unknown cells are slashes in base64
 
 
@@ -154,7 +154,7 @@ def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
         if host and host not in _OWN_HOSTS and not host.isalpha():
             places.setdefault(host.encode(), name)
     # Longest first: a host is a prefix of itself with a port.
-    ordered = sorted(places, key=len, reverse=True)
+    ordered = sorted((place.lower() for place in places), key=len, reverse=True)
     words = b"|".join(map(re.escape, ordered))
     of_host = re.compile(rb"(?<![\w.-])(?:" + words + rb")(?![\w-])(?!\.\w)", re.IGNORECASE) if ordered else None
 
@@ -163,11 +163,11 @@ def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
         return next((name for place, name in places.items() if place.lower() in found.lower()), default)
 
     def scrub(content: bytes) -> bytes:
-        if _IN_ADDRESS in content:
+        lowered = content.lower()
+        if _IN_ADDRESS in lowered:
             content = _ADDRESS.sub(in_place, content)
-        for place in ordered:
-            if of_host is not None and place in content:
-                return of_host.sub(in_place, content)
+        if of_host is not None and any(place in lowered for place in ordered):
+            return of_host.sub(in_place, content)
         return content
 
     return scrub

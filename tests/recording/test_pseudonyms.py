@@ -123,6 +123,21 @@ def test_the_name_of_a_robot_that_is_a_word_changes_no_other_text(host: str, tmp
     assert f"{host}:9090" not in "".join(found.values()) and "tiago does not answer" in found["event_link_changed.csv"]
 
 
+def test_a_host_is_replaced_in_any_case(tmp_path: Path) -> None:
+    address = "ws://Lab-7.Example.org:9090"
+    values = [
+        RobotChosen(at(-1.0), "tiago", "TIAGo", address),
+        LinkChanged(
+            at(0.5), "control", "lost", address, "Lab-7.Example.org does not answer, nor WSS://LAB-7.EXAMPLE.ORG"
+        ),
+    ]
+    tell(tmp_path / "sessions" / "s", values, lasts_s=9.0, robot={"profile": "tiago", "address": address})
+    export_all(ExportRequest((tmp_path / "sessions" / "s",), ("csv",), tmp_path / "out"))
+    found = words_of(tmp_path / "out" / "s")
+    assert "lab-7" not in "".join(found.values())
+    assert "tiago does not answer, nor tiago" in found["event_link_changed.csv"]
+
+
 def test_names_are_exported_where_a_person_chose_that(study: Path, tmp_path: Path) -> None:
     parser = argparse.ArgumentParser()
     export_command.add_arguments(parser)
