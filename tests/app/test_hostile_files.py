@@ -12,6 +12,7 @@ import sys
 import threading
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -184,6 +185,9 @@ def test_a_terminal_obeys_nothing_that_a_file_says(
     scenario = tmp_path / "shared.yaml"
     scenario.write_text('version: 1\n"\\e[2J": 1\n', encoding="utf-8")
     assert command_table.run(["--scenario", str(scenario), "--study", str(tmp_path / "study")]) == 2
+    for words in ((file := "a\x1b]0;owned\x07\u202e.mp4",), ("export", "a", "b", file), ("track", "--threads", file)):
+        with suppress(SystemExit):
+            assert command_table.run(words) == 2
     shown = "".join(capsys.readouterr())
     assert "Lab\\x1b]0;owned" in shown
     assert shown.replace("\n", "").isprintable()
