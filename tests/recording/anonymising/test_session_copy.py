@@ -304,9 +304,7 @@ def test_names_that_other_programs_wrote_into_media_stay_behind(recorded: Path, 
 
 
 @pytest.mark.logs(".*")
-def test_odd_videos_are_covered_or_left_out_and_end_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_odd_videos_are_covered_or_left_out_and_end_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = make_session(
         tmp_path / "study" / "sessions" / "one", seconds=6.0, cameras=("front", "rear"), fps=5.0, people=1,
         people_hz=4.0,
