@@ -30,6 +30,7 @@ from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
+from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 from caris_desktop.robot.profile import load_profile, profile_file
 from caris_desktop.robot.profile_model import DEFAULT_ADDRESS, ProfileError, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Scenario
@@ -331,10 +332,10 @@ def _lies_next_to(reference: FileReference, path: Path | None) -> bool:
     """Whether a camera's file is in the scenario's folder, also through links."""
     if path is None or reference.kind != "path" or reference.place != "cameras.source":
         return False
-    file = Path(reference.text.rpartition("?")[0] or reference.text)
     try:
+        file = Path(parse_camera(reference.text).target)  # as it is opened: a name may contain a question mark
         return file.is_file() and file.resolve().is_relative_to(path.resolve().parent)
-    except (OSError, ValueError):
+    except (CameraError, OSError, ValueError):
         return False
 
 

@@ -36,10 +36,10 @@ class StreamCamera:
         self._chosen = chosen
         live = not chosen.recorded
         options = _LIVE_OPTIONS if live else FILM_OPTIONS
+        # A file may be called file:../other.mp4, which ffmpeg would take for the other.
+        address = chosen.target if live else f"file:{chosen.target}"
         try:
-            self._container = av.open(
-                chosen.target, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None
-            )
+            self._container = av.open(address, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None)
         except self._errors as error:
             raise self._cannot_open() from error
         if not self._container.streams.video:
