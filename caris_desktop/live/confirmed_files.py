@@ -22,7 +22,7 @@ from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_text import printable
+from caris_desktop.domain.foreign_text import printable, typed_path
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
@@ -268,7 +268,12 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
         case "model" | "recogniser" | "voice":
             if text.startswith("plugin:"):
                 yield _plugin("detectors" if external == "model" else "speech", text.partition(":")[2], place)
-            elif text and external != "voice":
+            elif external == "voice":
+                # Other names are those of files next to the scenario or in the models folders.
+                path = text.removeprefix("piper:")
+                if typed_path(path).is_absolute():
+                    yield FileReference("path", path, place)
+            elif text:
                 yield FileReference("model", text, place)
         case "language_model":
             if text.startswith("plugin:"):
@@ -347,7 +352,7 @@ def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
         return reference
     if reference.kind == "model" and not reference.place.startswith(("perception.", "listening.")):
         return reference
-    file = Path(reference.text).expanduser()
+    file = typed_path(reference.text)
     if path is not None and not file.is_absolute():
         file = path.parent / file
     try:

@@ -13,7 +13,7 @@ import platformdirs
 
 from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_text import read_bounded
+from caris_desktop.domain.foreign_text import read_bounded, typed_path
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
 from caris_desktop.domain.schema_fields import KeyPath, Problem, data_of, leaves, value_from
 from caris_desktop.domain.schema_validation import Migration, allowed_words, migrated, problem_lines, problems, quoted
@@ -427,7 +427,7 @@ def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> 
 
     Raises ScenarioError if there is none; the text lists what there is.
     """
-    path = Path(name_or_path).expanduser()
+    path = typed_path(name_or_path)
     if path.is_file():
         return path
     user_dir = user_scenarios_dir() if user_dir is None else user_dir

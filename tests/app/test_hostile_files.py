@@ -64,6 +64,20 @@ def test_no_mutation_of_a_scenario_gets_past_the_question(tmp_path: Path) -> Non
     assert [one.name for one in tmp_path.iterdir()] == ["shared.yaml"]
 
 
+@pytest.mark.parametrize("text", ["~no.such.user/x.onnx", '"a\\0b.yaml"', '"a\\ud800b.yaml"'])
+@pytest.mark.parametrize("key", ["perception: {model: TEXT}", "listening: {model: TEXT}", "robot: TEXT", "title: TEXT"])
+def test_a_text_that_is_no_path_is_refused_and_does_not_end_the_program(tmp_path: Path, key: str, text: str) -> None:
+    path = tmp_path / "shared.yaml"
+    path.write_text(f"version: 1\nlayout: {{panel: video}}\n{key.replace('TEXT', text)}\n")
+    if "title" not in key:
+        path.write_text(f"{path.read_text()}title: Shared\n")
+    if "title" in key and "~" in text:
+        assert composition._load_scenario(path).title == text
+    else:
+        with pytest.raises(UserFacingError):
+            composition._load_scenario(path)
+
+
 def _bundle(tmp_path: Path) -> bytes:
     path = tmp_path / "whole.caris"
     robot = BundledFile("robot", "lab", "version: 1\nros: 1\nvelocity: {topic: /cmd_vel}\n")

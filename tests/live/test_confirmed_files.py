@@ -26,6 +26,7 @@ cameras:
   - {source: "0"}
 perception: {model: https://evil.example/m.pt, sha256: SHA, server: wss://evil.example}
 listening: {engine: server, server: https://evil.example/v1, model: /home/me/model}
+speech: {name: "piper:/net/evil.example/voice.onnx"}
 assistant: {model: "openai:gpt", models: ["ollama:other-cloud"]}
 recording: {lsl: true, lsl_words: true}
 face: {page: network}
@@ -62,6 +63,7 @@ def test_everything_that_a_scenario_names_is_listed(tmp_path: Path) -> None:
         ("address", "https://evil.example/v1"),
         ("variable", "MY_CAMERA_KEY"),
         ("path", "/etc/passwd"),
+        ("path", "/net/evil.example/voice.onnx"),
         ("path", "/dev/video0"),
         ("model", "https://evil.example/m.pt"),
         ("model", "/home/me/model"),
