@@ -17,6 +17,7 @@ from caris_desktop.domain.control_definitions import ROS_NAME, VALUE, control_pr
 from caris_desktop.domain.control_effects import moves_or_releases
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_text import read_bounded
+from caris_desktop.domain.free_names import usable_stem
 from caris_desktop.domain.schema_fields import KeyPath, Problem, ValueForm, data_of, name_of, replaced, value_from
 from caris_desktop.domain.schema_validation import Migration, did_you_mean, migrated, problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
@@ -203,7 +204,7 @@ def profile_text(profile: RobotProfile) -> str:
 def profile_file_name(title: str) -> str:
     """File name for a robot's title: ``My Robot 2`` becomes ``my-robot-2.yaml``."""
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
-    return (re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60] or "robot") + ".yaml"
+    return usable_stem(re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60], "robot") + ".yaml"
 
 
 def _profile_at_address(url: str) -> RobotProfile:
