@@ -4,18 +4,27 @@ import argparse
 import os
 import ssl
 from pathlib import Path
+from typing import NoReturn
 
 from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback_host
 from caris_desktop.domain.certificates import WrongFilesError, server_context
+from caris_desktop.domain.foreign_text import printable
 from caris_desktop.domain.plugins import PluginError, find
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Argument parser whose errors do not control a terminal: a pattern such as ``*`` adds names of others' files."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message))
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Argument parser of the console. Other commands add their arguments in their own modules; few imports, for a fast
     start.
     """
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="caris-desktop",
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
     )

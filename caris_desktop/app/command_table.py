@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 
-from caris_desktop.app.arguments import build_parser
-from caris_desktop.domain.foreign_text import PrintableStream
+from caris_desktop.app.arguments import CommandParser, build_parser
+from caris_desktop.domain.foreign_text import PrintableStream, printable
 from caris_desktop.live.logs import configure_logging, log_file
 
 
@@ -90,10 +90,8 @@ def run(words: Sequence[str]) -> int:
             configure_logging(log_file(), terminal=False)
         return _run(COMMANDS[words[0]][0], arguments)
     if words and not words[0].startswith("-"):
-        print(
-            f"There is no command '{words[0]}'. Commands: {', '.join(COMMANDS)}; without one the console opens.",
-            file=sys.stderr,
-        )
+        known = f"Commands: {', '.join(COMMANDS)}; without one the console opens."
+        print(f"There is no command '{printable(words[0])}'. {known}", file=sys.stderr)
         return 2
     parser = build_parser()
     parser.epilog = f"Other commands: {', '.join(COMMANDS)}. Each has --help."
@@ -131,7 +129,7 @@ def _run(module_name: str, arguments: argparse.Namespace) -> int:
 def parser_of(command: str) -> argparse.ArgumentParser:
     """Argument parser of a command."""
     module_name, description = COMMANDS[command]
-    parser = argparse.ArgumentParser(prog=f"caris-desktop {command}")
+    parser = CommandParser(prog=f"caris-desktop {command}")
     parser.description = description[0].upper() + description[1:] + "."
     importlib.import_module(module_name).add_arguments(parser)
     return parser

@@ -13,6 +13,7 @@ import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from caris_desktop.domain.foreign_text import typed_path
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def client_context(ca_file: str | None = None) -> ssl.SSLContext:
     """
     context = as_on_every_python(ssl.create_default_context())
     if ca_file is not None:
-        context.load_verify_locations(Path(ca_file).expanduser())
+        context.load_verify_locations(typed_path(ca_file))
     return context
 
 

@@ -3,7 +3,7 @@
 import errno
 import json
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,14 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
         raise OSError(errno.EINVAL, "not a regular file")
     with path.open("rb") as file:
         return file.read(most_bytes + 1)
+
+
+def typed_path(text: str | Path) -> Path:
+    """Path that a person typed or a file names, with ``~`` as the home folder; as it is if there is no such user."""
+    path = Path(text)
+    with suppress(RuntimeError):
+        return path.expanduser()
+    return path
 
 
 def printable(text: str, *, lines: bool = False) -> str:

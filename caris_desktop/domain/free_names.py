@@ -1,8 +1,17 @@
 """Names that nothing has yet: of files, tiers, topics and cameras."""
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
+
+RESERVED_ON_WINDOWS = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
+"""Names of files that are devices there, whatever their suffix."""
+
+
+def usable_stem(stem: str, otherwise: str) -> str:
+    """``stem`` as a file name on every system; ``otherwise`` if it is empty."""
+    return f"{stem}-1" if RESERVED_ON_WINDOWS.fullmatch(stem) else stem or otherwise
 
 
 def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool], *, number_as: str = "-{}") -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_text import typed_path
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
@@ -42,7 +43,7 @@ def _user_models_dir() -> Path:
 def models_dirs() -> tuple[Path, ...]:
     """Folders that are searched for weights, in this order."""
     configured = os.environ.get("CARIS_MODELS_DIR", "").strip()
-    return (*([Path(configured).expanduser()] if configured else []), _user_models_dir())
+    return (*([typed_path(configured)] if configured else []), _user_models_dir())
 
 
 def packaged_file(name: str) -> Path | None:
@@ -138,7 +139,7 @@ def named_path(name: str, folder: Path | None, folders: tuple[Path, ...]) -> Pat
     """Path that a scenario in ``folder`` names: there or in one of the models ``folders``; None if it leads out of
     them.
     """
-    path = Path(name).expanduser()
+    path = typed_path(name)
     if path.is_absolute():
         return path
     if ".." in path.parts:

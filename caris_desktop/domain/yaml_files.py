@@ -14,6 +14,7 @@ from caris_desktop.domain.value_class import Value
 
 MAX_DEPTH = 40
 _SHOWN_DIGITS = 20
+_REFUSED = re.compile("[\0\ud800-\udfff]")
 _MOST_BITS = 64  # of ROS messages; Python cannot convert integers of many more to floats or text
 
 _TAG = "tag:yaml.org,2002:"
@@ -130,6 +131,7 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
             key = key_node.value if isinstance(key_node, ScalarNode) else None
             if not isinstance(key, str):
                 raise YamlSourceError(tr("a key must be plain text"), key_line)
+            _check_characters(key, key_line)
             if key in result:
                 raise YamlSourceError(
                     tr("duplicate key '{key}' (first in line {lines})").format(key=key, lines=lines[(*path, key)]),
@@ -144,6 +146,7 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
         raise YamlSourceError(
             tr("the tag {tag} is not allowed. Allowed: text, numbers, true, false").format(tag=node.tag), line
         )
+    _check_characters(node.value, line)
     value = _scalar(kind, node.value, line)
     if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         if finite:
@@ -152,6 +155,14 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
     if finite and isinstance(value, float) and not math.isfinite(value):
         raise YamlSourceError(tr("{value} is not a finite number").format(value=node.value), line)
     return value
+
+
+def _check_characters(text: str, line: int) -> None:
+    """Refuse escapes such as ``\\0`` and ``\\ud800``: no path and no encoding of text can hold them."""
+    refused = _REFUSED.search(text)
+    if refused is not None:
+        character = f"{ord(refused[0]):04x}"
+        raise YamlSourceError(tr("the character #x{character} is not allowed").format(character=character), line)
 
 
 def _scalar(kind: str, text: str, line: int) -> str | bool | int | float | None:

@@ -22,7 +22,7 @@ from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_text import printable
+from caris_desktop.domain.foreign_text import printable, typed_path
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
@@ -30,6 +30,7 @@ from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
+from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 from caris_desktop.robot.profile import load_profile, profile_file
 from caris_desktop.robot.profile_model import DEFAULT_ADDRESS, ProfileError, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Scenario
@@ -267,7 +268,12 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
         case "model" | "recogniser" | "voice":
             if text.startswith("plugin:"):
                 yield _plugin("detectors" if external == "model" else "speech", text.partition(":")[2], place)
-            elif text and external != "voice":
+            elif external == "voice":
+                # Other names are those of files next to the scenario or in the models folders.
+                path = text.removeprefix("piper:")
+                if typed_path(path).is_absolute():
+                    yield FileReference("path", path, place)
+            elif text:
                 yield FileReference("model", text, place)
         case "language_model":
             if text.startswith("plugin:"):
@@ -331,10 +337,10 @@ def _lies_next_to(reference: FileReference, path: Path | None) -> bool:
     """Whether a camera's file is in the scenario's folder, also through links."""
     if path is None or reference.kind != "path" or reference.place != "cameras.source":
         return False
-    file = Path(reference.text.rpartition("?")[0] or reference.text)
     try:
+        file = Path(parse_camera(reference.text).target)  # as it is opened: a name may contain a question mark
         return file.is_file() and file.resolve().is_relative_to(path.resolve().parent)
-    except (OSError, ValueError):
+    except (CameraError, OSError, ValueError):
         return False
 
 
@@ -346,7 +352,7 @@ def _with_digest(reference: FileReference, path: Path | None) -> FileReference:
         return reference
     if reference.kind == "model" and not reference.place.startswith(("perception.", "listening.")):
         return reference
-    file = Path(reference.text).expanduser()
+    file = typed_path(reference.text)
     if path is not None and not file.is_absolute():
         file = path.parent / file
     try:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from caris_desktop.domain.foreign_text import typed_path
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, named_path, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
@@ -99,7 +100,7 @@ def find_weights(
     """
     folders = models_dirs() if folders is None else folders
     if isinstance(configured, Path):
-        path = configured.expanduser()
+        path = typed_path(configured)
         _check_form(path)
         return replace(_of_file(path), may_run_code=True)
     if configured is not None and configured.source:

@@ -545,7 +545,10 @@ async def _bridge_subscribes(ros: RosbridgeClient, listeners: list[_StreamListen
 
 
 async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, bridge_reports: bool) -> StreamCheck:
-    listeners = await _nodes(ros, "subscribers", named.topic)
+    try:
+        listeners = await ros.nodes("subscribers", named.topic)
+    except ServiceCallError:  # not answered, or not permitted
+        return _rated(named, "good", QT_TR_NOOP("The robot has this topic."))
     speakers = await _nodes(ros, "publishers", named.topic)
     if speakers and not listeners:
         alone = QT_TR_NOOP("Publishers: {who}. There are no subscribers.")

@@ -17,6 +17,7 @@ from caris_desktop.domain.control_definitions import ROS_NAME, VALUE, control_pr
 from caris_desktop.domain.control_effects import moves_or_releases
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_text import read_bounded
+from caris_desktop.domain.free_names import usable_stem
 from caris_desktop.domain.schema_fields import KeyPath, Problem, ValueForm, data_of, name_of, replaced, value_from
 from caris_desktop.domain.schema_validation import Migration, did_you_mean, migrated, problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
@@ -205,7 +206,7 @@ def profile_text(profile: RobotProfile) -> str:
 def own_profile_file(title: str) -> Path:
     """Path for a new own profile of that title: ``My Robot 2`` becomes ``my-robot-2.yaml``."""
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
-    stem = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60] or "robot"
+    stem = usable_stem(re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:60], "robot")
     return user_robots_dir() / f"{stem}.yaml"
 
 

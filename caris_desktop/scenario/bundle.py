@@ -17,6 +17,7 @@ from typing import Literal, cast
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.free_names import RESERVED_ON_WINDOWS
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
@@ -177,12 +178,12 @@ def unpack(
     choices = {(one.kind, one.name): one for one in decided}
 
     def name_for(part: BundledFile) -> str:
-        if known(part.kind, part.name) is None:
+        if _is_free(part.kind, part.name, known):
             return part.name
         choice = choices.get((part.kind, part.name))
         if choice is None:
             return _free(part, known)
-        if choice.new_name and not NAME.fullmatch(choice.new_name):
+        if choice.new_name and (not NAME.fullmatch(choice.new_name) or RESERVED_ON_WINDOWS.fullmatch(choice.new_name)):
             raise BundleError(
                 tr("'{name}' is not a valid name. Allowed: letters, digits, - and _.").format(name=choice.new_name)
             )
@@ -231,7 +232,11 @@ def unpack(
 
 def _free(part: BundledFile, known: Known) -> str:
     names = (part.name, *(f"{part.name[:56]}-{number}" for number in range(2, 1000)))
-    return next(name for name in names if known(part.kind, name) is None)
+    return next(name for name in names if _is_free(part.kind, name, known))
+
+
+def _is_free(kind: PartKind, name: str, known: Known) -> bool:
+    return known(kind, name) is None and not RESERVED_ON_WINDOWS.fullmatch(name)
 
 
 def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:

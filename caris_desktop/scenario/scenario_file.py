@@ -13,7 +13,8 @@ import platformdirs
 
 from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.foreign_text import read_bounded
+from caris_desktop.domain.foreign_text import read_bounded, typed_path
+from caris_desktop.domain.free_names import usable_stem
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
 from caris_desktop.domain.schema_fields import KeyPath, Problem, data_of, leaves, value_from
 from caris_desktop.domain.schema_validation import Migration, allowed_words, migrated, problem_lines, problems, quoted
@@ -381,7 +382,7 @@ _LONGEST_STEM = 60
 def own_file_called(title: str) -> Path:
     """Path for a new own scenario of that title."""
     stem = re.sub(r"[\W_]+", "-", title.casefold()).strip("-")[:_LONGEST_STEM].strip("-")
-    return user_scenarios_dir() / f"{stem or 'scenario'}.yaml"
+    return user_scenarios_dir() / f"{usable_stem(stem, 'scenario')}.yaml"
 
 
 def own_file(path: Path | None) -> Path:
@@ -427,7 +428,7 @@ def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> 
 
     Raises ScenarioError if there is none; the text lists what there is.
     """
-    path = Path(name_or_path).expanduser()
+    path = typed_path(name_or_path)
     if path.is_file():
         return path
     user_dir = user_scenarios_dir() if user_dir is None else user_dir

@@ -16,7 +16,7 @@ import platformdirs
 from caris_desktop.domain.events import TrialDetails
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import narrow, replace_file
-from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.foreign_text import parse_json, typed_path
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
@@ -64,7 +64,7 @@ def open_study_folder(path: Path | None = None) -> StudyFolder:
     StudyFolderError
         If it cannot be made or written.
     """
-    folder = StudyFolder((default_study_path() if path is None else path.expanduser()).absolute())
+    folder = StudyFolder((default_study_path() if path is None else typed_path(path)).absolute())
     try:
         folder.sessions.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder.sessions) as probe:

@@ -9,6 +9,7 @@ from PySide6.QtCore import QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QShowEvent
 from PySide6.QtWidgets import QFileDialog, QLabel, QProgressBar, QScrollArea, QWidget
 
+from caris_desktop.domain.foreign_text import typed_path
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import ExportStatus
@@ -168,7 +169,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     def _choose_folder(self) -> None:
         """Propose a new subfolder in a folder that is not empty, so that nothing is mixed or overwritten."""
-        folder = Path(self._folder.text().strip()).expanduser()
+        folder = typed_path(self._folder.text().strip())
         there = next((path for path in (folder, *folder.parents) if path.is_dir()), Path.home())
         title, mode = tr("Choose the export folder"), QFileDialog.FileMode.Directory
         dialog = file_dialog(self, "export_folder_dialog", title, self._propose_folder, folder=there, mode=mode)
@@ -176,7 +177,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         dialog.show()
 
     def _on_start(self) -> None:
-        out = Path(self._folder.text().strip()).expanduser().absolute()
+        out = typed_path(self._folder.text().strip()).absolute()
         self._mine = True
         self._out = out
         # Move the focus off the widgets that are disabled now, or it would wander through the list.

@@ -12,6 +12,7 @@ import sys
 import threading
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -61,6 +62,20 @@ def test_no_mutation_of_a_scenario_gets_past_the_question(tmp_path: Path) -> Non
             assert scenario_references(scenario) == ()
     assert asked > SEEDS // 10
     assert [one.name for one in tmp_path.iterdir()] == ["shared.yaml"]
+
+
+@pytest.mark.parametrize("text", ["~no.such.user/x.onnx", '"a\\0b.yaml"', '"a\\ud800b.yaml"'])
+@pytest.mark.parametrize("key", ["perception: {model: TEXT}", "listening: {model: TEXT}", "robot: TEXT", "title: TEXT"])
+def test_a_text_that_is_no_path_is_refused_and_does_not_end_the_program(tmp_path: Path, key: str, text: str) -> None:
+    path = tmp_path / "shared.yaml"
+    path.write_text(f"version: 1\nlayout: {{panel: video}}\n{key.replace('TEXT', text)}\n")
+    if "title" not in key:
+        path.write_text(f"{path.read_text()}title: Shared\n")
+    if "title" in key and "~" in text:
+        assert composition._load_scenario(path).title == text
+    else:
+        with pytest.raises(UserFacingError):
+            composition._load_scenario(path)
 
 
 def _bundle(tmp_path: Path) -> bytes:
@@ -184,6 +199,9 @@ def test_a_terminal_obeys_nothing_that_a_file_says(
     scenario = tmp_path / "shared.yaml"
     scenario.write_text('version: 1\n"\\e[2J": 1\n', encoding="utf-8")
     assert command_table.run(["--scenario", str(scenario), "--study", str(tmp_path / "study")]) == 2
+    for words in ((file := "a\x1b]0;owned\x07\u202e.mp4",), ("export", "a", "b", file), ("track", "--threads", file)):
+        with suppress(SystemExit):
+            assert command_table.run(words) == 2
     shown = "".join(capsys.readouterr())
     assert "Lab\\x1b]0;owned" in shown
     assert shown.replace("\n", "").isprintable()

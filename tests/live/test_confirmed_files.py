@@ -26,6 +26,7 @@ cameras:
   - {source: "0"}
 perception: {model: https://evil.example/m.pt, sha256: SHA, server: wss://evil.example}
 listening: {engine: server, server: https://evil.example/v1, model: /home/me/model}
+speech: {name: "piper:/net/evil.example/voice.onnx"}
 assistant: {model: "openai:gpt", models: ["ollama:other-cloud"]}
 recording: {lsl: true, lsl_words: true}
 face: {page: network}
@@ -62,6 +63,7 @@ def test_everything_that_a_scenario_names_is_listed(tmp_path: Path) -> None:
         ("address", "https://evil.example/v1"),
         ("variable", "MY_CAMERA_KEY"),
         ("path", "/etc/passwd"),
+        ("path", "/net/evil.example/voice.onnx"),
         ("path", "/dev/video0"),
         ("model", "https://evil.example/m.pt"),
         ("model", "/home/me/model"),
@@ -131,7 +133,9 @@ def test_a_picture_next_to_the_scenario_is_its_own_and_a_link_out_of_there_is_no
     assert asked(written(folder / "s.yaml", PLAIN + "cameras: [{source: 'film.mp4?loop'}]\n")) is None
     (tmp_path / "private.mp4").write_bytes(b"film")
     (folder / "link.mp4").symlink_to(tmp_path / "private.mp4")
-    for source in ("link.mp4", "../private.mp4", str(tmp_path / "private.mp4"), "../study/../private.mp4"):
+    (folder / "film.mp4?").mkdir()
+    outside = "film.mp4?/../../private.mp4"  # a folder of that name leads out, the film of that name does not
+    for source in ("link.mp4", "../private.mp4", str(tmp_path / "private.mp4"), "../study/../private.mp4", outside):
         question = asked(written(folder / "s.yaml", PLAIN + f"cameras: [{{source: '{source}'}}]\n"))
         assert question is not None, source
         assert [(one.kind, one.text) for one in question.named] == [("path", source)]

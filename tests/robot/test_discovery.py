@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from websockets.asyncio.server import ServerConnection, serve
@@ -25,6 +25,7 @@ from caris_desktop.robot.discovery import (
 from caris_desktop.robot.profile import load_profile, read_profile, save_profile
 from caris_desktop.robot.profile_model import AudioInterface, LaserMount, ProfileError, RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, profile_of, propose
+from caris_desktop.robot.transport import RosbridgeClient, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -391,6 +392,23 @@ def test_listening_shows_what_rosbridge_does_not_let_through() -> None:
         checks = {check.field: check for check in asyncio.run(check_streams(profile, seconds=1.2))}
         assert (checks["velocity"].state, "topics_glob" in checks["velocity"].detail) == ("wrong", True)
         assert checks["scan"].state in ("good", "slow")
+
+
+def test_an_unanswered_question_for_subscribers_is_not_reported_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = RosbridgeClient.nodes
+
+    async def without_subscribers(
+        self: RosbridgeClient, kind: Literal["publishers", "subscribers"], topic: str
+    ) -> list[str]:
+        if kind == "subscribers":
+            raise ServiceCallError("no answer")
+        return [*await nodes(self, kind, topic), "/joystick"]
+
+    monkeypatch.setattr(RosbridgeClient, "nodes", without_subscribers)
+    with SimulatedRobot("--empty") as robot:
+        profile = replace(load_profile("simulated"), address=robot.address)
+        checks = {check.field: check for check in asyncio.run(check_streams(profile, seconds=0.2))}
+    assert (checks["velocity"].state, checks["velocity"].detail) == ("good", "The robot has this topic.")
 
 
 def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: SimulatedRobot) -> None:

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.intents import SameName
+from caris_desktop.robot.profile import profile_file_name
 from caris_desktop.scenario import bundle as bundles
 from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, PartKind, read_bundle, unpack, write_bundle
-from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, load_scenario
+from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, load_scenario, own_file_called
 
 SCENARIO = """\
 # Ours
@@ -50,6 +51,20 @@ def packed(path: Path, entries: dict[str, str | bytes], *, about: dict[str, str]
         for name, content in {**about, **entries}.items():
             archive.writestr(name, content)
     return path
+
+
+def test_no_file_gets_the_name_of_a_device(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
+    """On Windows, ``nul.yaml`` swallows what is written to it."""
+    scenario = BundledFile("scenario", "Con", SCENARIO.replace("lab", "nul"))
+    write_bundle(Bundle(scenario, (BundledFile("robot", "nul", "name: one\n"),)), tmp_path / "a.caris")
+    unpacked = unpack(read_bundle(tmp_path / "a.caris"), folders, known)
+    assert {path.name for path in tmp_path.rglob("*.yaml")} == {"Con-2.yaml", "nul-2.yaml"}
+    assert load_scenario(unpacked.path).robot == "nul-2"
+    for name in ("aux", "COM1"):
+        with pytest.raises(BundleError, match="not a valid name"):
+            unpack(GIVEN, folders, lambda kind, _name: (folders[kind], ""), [SameName("robot", "lab", name)])
+    assert (profile_file_name("Con"), profile_file_name("Pepper")) == ("con-1.yaml", "pepper.yaml")
+    assert own_file_called("AUX").name == "aux-1.yaml"
 
 
 def test_a_bundle_unpacks_as_it_was_packed(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:

@@ -124,7 +124,7 @@ _INTERNAL_CALLS = {
 }  # fmt: skip
 """Functions whose string arguments are not displayed."""
 
-_TERMINAL_CALLS = {"ArgumentParser", "add_argument", "add_argument_group", "add_parser", "print"}
+_TERMINAL_CALLS = {"ArgumentParser", "CommandParser", "add_argument", "add_argument_group", "add_parser", "print"}
 """Functions whose texts appear in the terminal, which is English only."""
 
 _INTERNAL_ARGUMENTS = {

@@ -24,7 +24,7 @@ from caris_desktop.conversation import speech_plugins
 from caris_desktop.conversation.speech_plugins import PLUGIN, checked_rate, open_speech
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop, Voice, words_of
-from caris_desktop.domain.foreign_text import parse_json
+from caris_desktop.domain.foreign_text import parse_json, typed_path
 from caris_desktop.domain.model_files import (
     WrongChecksum,
     check_file,
@@ -94,7 +94,7 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
 
     Raises NoSuchVoiceError.
     """
-    path = Path(name).expanduser()
+    path = typed_path(name)
     if ".." in path.parts:
         raise NoSuchVoiceError(localized(QT_TR_NOOP("the voice {name} is outside the voice folders"), name=name))
     file_name = path if path.suffix == ".onnx" else path.with_name(f"{path.name}.onnx")

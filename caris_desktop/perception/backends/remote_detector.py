@@ -124,10 +124,15 @@ class RemoteDetector:
         for_this = is_same_server(os.environ.get(SERVER_VARIABLE, ""), self._address)
         token = os.environ.get(TOKEN_VARIABLE, "") if for_this else ""
         try:
-            trusted = None if address.scheme == "ws" else _trusted(address.hostname or "", address.port or 443)
+            host, port = address.hostname or "", address.port or (80 if address.scheme == "ws" else 443)
+            trusted = None if address.scheme == "ws" else _trusted(host, port)
+            # With a socket that is there, connect follows no redirection to another computer.
+            reached = socket.create_connection((host, port), _CONNECT_WITHIN_S)
+            reached.settimeout(None)
             self._connection = self._open.enter_context(
                 connect(
                     self._address,
+                    sock=reached,
                     additional_headers={"Authorization": f"Bearer {token}"} if token else None,
                     open_timeout=_CONNECT_WITHIN_S,
                     close_timeout=1.0,

@@ -116,7 +116,10 @@ class _Running:
                 self._report_state("ended", QT_TR_NOOP("Playback of the video has ended."))
                 break
             except CameraError as error:
-                log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
+                if failures == 0:
+                    # The libraries' texts have the address, with its password.
+                    cause = str(error.__cause__ or "").replace(self._chosen.target, name)
+                    log.warning("camera %s: %s %s", name, error, cause)
                 if self._chosen.recorded or isinstance(error, CameraSwitchedOffError):
                     self._report_problem(error, "error", QT_TR_NOOP("No images are available from this camera."))
                     self._report_state("ended", str(error), error.advice)

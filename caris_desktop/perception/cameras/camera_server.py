@@ -431,7 +431,7 @@ class CameraServer:
         self._known.add(writer)
         listener.admit(writer.get_extra_info("peername"))
         if (request.method, request.path) == ("GET", "/video.mjpg"):
-            await self._stream(writer)
+            await self._stream(reader, writer)
             return False
         await _send(writer, await self._answer(request))
         return True
@@ -484,8 +484,8 @@ class CameraServer:
             return _Answer(200, json.dumps({"sdp": answer, "type": "answer"}).encode(), "application/json", head)
         return _Answer(201, answer.encode(), "application/sdp", head)
 
-    async def _stream(self, writer: asyncio.StreamWriter) -> None:
-        """Stream images; those that arrive while one is being sent are skipped."""
+    async def _stream(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Stream images until the client leaves; those that arrive while one is being sent are skipped."""
         connection = writer.get_extra_info("socket")
         if connection is not None:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
@@ -495,8 +495,15 @@ class CameraServer:
             b"Content-Type: multipart/x-mixed-replace; boundary=" + _BOUNDARY.encode() + b"\r\n\r\n"
         )
         sequence = 0
+        # Nothing is written to a client of a lost camera, so that no error tells that it has left.
+        left = asyncio.gather(reader.read(1), return_exceptions=True)
         while True:
-            frame = await self._frames.after(sequence)
+            newer = asyncio.ensure_future(self._frames.after(sequence))
+            await asyncio.wait((newer, left), return_when=asyncio.FIRST_COMPLETED)
+            if left.done():
+                newer.cancel()
+                return
+            frame = newer.result()
             sequence = frame.sequence
             content = await frame.jpeg()
             head = {"Content-Type": "image/jpeg", "Content-Length": str(len(content)), **_when(frame.captured_ns)}

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.address import is_encrypted_or_local
+from caris_desktop.domain.address import is_encrypted_or_local, without_credentials
 from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
 from caris_desktop.domain.media_checks import decode_compressed, picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
@@ -235,6 +235,15 @@ class HttpCamera:
                             "started with."
                         ),
                         token_env=chosen.token_env,
+                    ),
+                )
+            if 300 <= response.status < 400:
+                there = urllib.parse.urljoin(chosen.target, response.headers.get("Location", ""))
+                raise CameraError(
+                    localized(QT_TR_NOOP("The camera at {name} refers to another address."), name=chosen.name),
+                    localized(
+                        QT_TR_NOOP("If {address} is right, enter it as the camera's address."),
+                        address=without_credentials(there),
                     ),
                 )
             raise NotMultipartError(f"{response.status} {response.headers.get('Content-Type')}")

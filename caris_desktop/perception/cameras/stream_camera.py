@@ -21,6 +21,8 @@ from caris_desktop.perception.cameras.camera_source import (
 
 # A few broken frames are a network problem; this many mean an unusable file or camera.
 _BROKEN_AT_MOST = 50
+# The user has confirmed this address, and no other that its server may redirect to.
+_LIVE_OPTIONS = {"rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay", "max_redirects": "0"}
 
 
 class StreamCamera:
@@ -33,11 +35,11 @@ class StreamCamera:
         self._torn: type[Exception] = av.error.InvalidDataError
         self._chosen = chosen
         live = not chosen.recorded
-        options = {"rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay"} if live else FILM_OPTIONS
+        options = _LIVE_OPTIONS if live else FILM_OPTIONS
+        # A file may be called file:../other.mp4, which ffmpeg would take for the other.
+        address = chosen.target if live else f"file:{chosen.target}"
         try:
-            self._container = av.open(
-                chosen.target, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None
-            )
+            self._container = av.open(address, options=options, timeout=(OPEN_TIMEOUT_S, SILENCE_S) if live else None)
         except self._errors as error:
             raise self._cannot_open() from error
         if not self._container.streams.video:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.free_names import RESERVED_ON_WINDOWS
 from caris_desktop.domain.schema_fields import FieldSpec, data_of, value_from
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -83,7 +84,6 @@ class Coding(Value):
 
 _FOLDER = "annotations"
 _MAX_FILE_MB = 64
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # file names that Windows reserves
 _log = logging.getLogger(__name__)
 
 
@@ -145,7 +145,7 @@ def _path_of(folder: Path, coder: str) -> Path:
     """The coder's file: the one that names this coder, or an unused name."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", coder).strip("-")[:60]
     suffix = hashlib.sha256(coder.encode("utf-8", "replace")).hexdigest()[:8]
-    if plain == coder and not _RESERVED.fullmatch(plain):
+    if plain == coder and not RESERVED_ON_WINDOWS.fullmatch(plain):
         names = [f"{plain}.json", f"{plain}-{suffix}.json"]
     else:
         names = [f"{plain or 'coder'}-{suffix}.json"]

@@ -189,7 +189,7 @@ _log = logging.getLogger(__name__)
 Voice = Literal["keep", "remove", "change"]
 _EVENTS, _RECOVERED = "events.mcap", "recovered/"
 _PHOTOS, _SOUNDS = (".png", ".jpg", ".jpeg"), (".wav",)
-_TOLD_ANYWAY = ("movement.txt", "speech.txt")
+_TOLD_ANYWAY = ("movement.txt", "speech.txt", INDEX_SUFFIX)
 _LARGEST_TEXT_BYTES = 64 << 20
 _FREE_TEXTS = (
     "answer", "branch", "committed", "content", "detail", "heard_text", "item", "label", "message", "note", "prompt",
@@ -205,6 +205,7 @@ _NO_PEOPLE = QT_TR_NOOP(
 _NO_VIDEO = QT_TR_NOOP("{file} is left out: the session header does not list it, so that its times are not known.")
 _UNREADABLE = QT_TR_NOOP("{file} is left out: {why}.")
 _WITH_SOUND = QT_TR_NOOP("{file} is left out: the video contains sound.")
+_FRAMES_ALONE = QT_TR_NOOP("{file} is copied without its sound, subtitles and texts: they may name people.")
 _VOICE = QT_TR_NOOP("{file} is left out: it contains voices.")
 _BEFORE_REPAIR = QT_TR_NOOP("{file} is left out: a repair saved it, and it may name people.")
 _UNKNOWN = QT_TR_NOOP("{file} is left out: it cannot be searched for names.")
@@ -352,7 +353,7 @@ class _Copy:
         elif name.endswith(INDEX_SUFFIX):
             # Numbers of the video with this name.
             if any(name in (video.index_file, index_path(Path(video.file_name)).name) for video in self._videos):
-                copy_file(path, target)
+                self._write_text(name, path, target, "utf-8")
         elif suffix in _SOUNDS:
             self._write_sound(name, path, target, named_in_sound)
         elif suffix in _PHOTOS:
@@ -440,17 +441,22 @@ class _Copy:
 
     def _write_video(self, name: str, path: Path, target: Path, progress: Callable[[float], None]) -> None:
         video = next((video for video in self._session.header.videos if video.file_name == name), None)
+        is_covered = self._options.blur.who != "nobody"
         if video is None:
             self._leave_out(name, _NO_VIDEO)
-        elif self._options.voice != "keep" and _has_sound(path):
+            return
+        besides = _besides_frames(path)
+        if self._options.voice != "keep" and "audio" in besides:
             self._leave_out(name, _WITH_SOUND)
-        elif self._options.blur.who == "nobody":
-            copy_file(path, target)
-        elif not self._people.get(video.camera):
+        elif is_covered and not self._people.get(video.camera):
             self._leave_out(name, _NO_PEOPLE)
-        else:
-            cover_at = partial(self._cover_at, video.camera, self._consents.video)
+        elif is_covered or besides:
+            cover_at = partial(self._cover_at, video.camera, self._consents.video) if is_covered else lambda _: None
             media.covered_video(path, target, video.first_stamp_ns, cover_at, progress=progress)
+            if besides:
+                self._leave_out(name, _FRAMES_ALONE)
+        else:
+            copy_file(path, target)
 
     def _write_photo(self, name: str, path: Path, target: Path) -> None:
         photo, covers = self._photos.get(name), list[Cover]()
@@ -472,8 +478,8 @@ class _Copy:
             texts = texts_of(target.read_bytes())
         except PhotoFileError:
             return
-        changed = {key: self._names.replace(text) for key, text in texts.items()}
-        change_texts(target, changed)
+        changed = {self._names.replace(key): self._names.replace(text) for key, text in texts.items()}
+        change_texts(target, dict.fromkeys(texts, "") | changed)
         for key, text in changed.items():
             self._find(name, key, "photo", text)
 
@@ -548,7 +554,7 @@ class _Copy:
                 scrubbed = self._scrub(line.encode("utf-8", "surrogateescape")).decode("utf-8", "replace")
                 text = self._names.replace(scrubbed.lstrip("\ufeff"), yaml=path.suffix.lower() in (".yaml", ".yml"))
                 file.write(text)
-                if name not in _TOLD_ANYWAY:
+                if not name.endswith(_TOLD_ANYWAY):
                     self._find(name, f"line {number}", "file", text.strip())
 
     # The header
@@ -595,13 +601,20 @@ _LLM = spec_of_topic("/event/llm_exchange")
 _MADE_ANEW = ("videos", "audio", "files", "trial")
 
 
-def _has_sound(path: Path) -> bool:
+# Written by every encoder, about the file itself.
+_OF_ENCODERS = {"major_brand", "minor_version", "compatible_brands", "encoder", "language", "handler_name", "vendor_id"}
+
+
+def _besides_frames(path: Path) -> set[str]:
+    """Kinds of further streams of a video, and names of its texts. Raises UnreadableMediaError."""
     import av
 
     try:
         with av.open(str(path), options=FILM_OPTIONS) as file:
-            return bool(file.streams.audio)
-    except (av.error.FFmpegError, ValueError) as error:
+            streams = [stream for stream in file.streams if stream.index != file.streams.video[0].index]
+            texts = {*file.metadata, *file.streams.video[0].metadata} - _OF_ENCODERS
+            return {*(stream.type for stream in streams), *texts, *(["chapters"] if file.chapters() else [])}
+    except (av.error.FFmpegError, IndexError, ValueError) as error:
         raise UnreadableMediaError(
             localized(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=path.name, error=error)
         ) from error

@@ -39,6 +39,7 @@ _log = logging.getLogger(__name__)
 MAX_AGE_S = 1.0
 """A frame has no value that arrived longer before it."""
 FPS_WITHOUT_CAMERA = 10
+_MOST_HZ = 250.0  # of the fastest cameras
 PICTURE_WIDTH_PX = 640
 """Videos are no wider: what learns from them makes them smaller still."""
 EPISODE_MARK = "episode"
@@ -132,8 +133,9 @@ def _layout_of(session: Session) -> _Layout:
     with VideoReader(session) as videos:
         for key, camera in _keys_of(videos.cameras).items():
             stamps_ns = np.array(videos.frame_times_ns(camera), np.int64)
-            if len(stamps_ns) > 1:
-                rates_hz.append(1e9 / max(1.0, float(np.median(np.diff(stamps_ns)))))
+            steps_ns = np.diff(stamps_ns)
+            if (steps_ns := steps_ns[steps_ns > 0]).size:  # a robot's stamps may be whole seconds, or step back
+                rates_hz.append(min(_MOST_HZ, 1e9 / float(np.median(steps_ns))))
             # Not all of them: a damaged video has no frame that can be decoded.
             pictures = (videos.frame(camera, number) for number in range(len(stamps_ns))[:50])
             if (first := next((picture for picture in pictures if picture is not None), None)) is not None:

@@ -62,11 +62,14 @@ def covered_video(
     try:
         with DiskFile(target) as file, av.open(str(source), options=FILM_OPTIONS) as old:
             stream = old.streams.video[0]
-            width_px, height_px = stream.codec_context.width, stream.codec_context.height
+            # An encoder for every player takes even sizes only.
+            width_px, height_px = stream.codec_context.width // 2 * 2, stream.codec_context.height // 2 * 2
             count = max(1, times.count)
             new = av.open(file, "w", format="mp4", options=MUXER)
             written = add_stream(new, ENCODER, width_px, height_px)
             for number, frame in enumerate(old.decode(stream)):
+                if frame.pts is None:
+                    raise ValueError("its frames have no times")  # noqa: TRY301 - reported below, like its other errors
                 at_s = float(frame.pts * frame.time_base)
                 cover = cover_at(_stamp_of(times, number, at_s, first_stamp_ns))
                 picture = frame

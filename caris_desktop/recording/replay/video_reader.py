@@ -111,7 +111,7 @@ class VideoReader:
 
     def packets(self, camera: str) -> Iterator[tuple[RecordedFrame, bytes]]:
         """Encoded frames of a camera in order: H.264 in Annex B, with parameter sets before each key frame. Empty for
-        other codecs; ends where a video is damaged.
+        other codecs and with B frames; ends where a video is damaged.
         """
         videos = self._known(camera)
         for first, video in zip(self._firsts[camera].tolist(), videos, strict=True):
@@ -194,6 +194,7 @@ class _Video:
         self._first_ns = first_ns
         self._container: Any = None
         self._stream: Any = None
+        self._shown_ticks: list[int] = []
         self._frames: Iterator[Any] = iter(())
         self._at: tuple[int, Any] | None = None
         self._failed = False
@@ -211,8 +212,10 @@ class _Video:
             return f"{self.path.name} is missing."
         if self._recorded_bytes is not None and self.path.stat().st_size < self._recorded_bytes:
             content = content_of(self.path)
-            self.times = self.times.first(0 if content is None else len(content.times_s))
-            return f"{self.path.name} is truncated: {self.times.count} frames are left."
+            left = 0 if content is None else len(content.times_s)
+            if left < self.times.count:  # otherwise it was encoded again
+                self.times = self.times.first(left)
+                return f"{self.path.name} is truncated: {left} frames are left."
         return ""
 
     def decode(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
@@ -235,7 +238,7 @@ class _Video:
         try:
             with av.open(str(self.path), options=FILM_OPTIONS) as container:
                 stream = container.streams.video[0]
-                if stream.codec_context.codec.canonical_name != "h264":
+                if stream.codec_context.codec.canonical_name != "h264" or stream.codec_context.has_b_frames:
                     return
                 to_annex_b = BitStreamFilterContext("h264_mp4toannexb", stream)
                 for packet in container.demux(stream):
@@ -258,6 +261,9 @@ class _Video:
             self._container = av.open(str(self.path), options=FILM_OPTIONS)
             self._stream = self._container.streams.video[0]
             self._stream.thread_type = "SLICE"
+            if self._stream.codec_context.has_b_frames:
+                packets = self._container.demux(self._stream)
+                self._shown_ticks = sorted(packet.pts for packet in packets if packet.pts is not None)
         except (av.error.FFmpegError, OSError, IndexError) as error:
             _log.warning("%s cannot be read: %s", self.path, error)
             self._failed = True
@@ -267,19 +273,27 @@ class _Video:
     def _read_own_times(self) -> str:
         if not self._opened():
             return f"{self.path.name} cannot be read: the session is shown without this video."
-        tick_s = float(self._stream.time_base)
-        video_s = np.array([entry.timestamp for entry in self._stream.index_entries]) * tick_s
+        numbers = range(len(self._shown_ticks or self._stream.index_entries))
+        video_s = np.array([self._tick(number) for number in numbers]) * float(self._stream.time_base)
         stamps_ns = self._first_ns + np.round(video_s * 1e9).astype(np.int64)
         unknown = np.full(len(stamps_ns), UNKNOWN, np.int64)
         self.times = FrameTimes(video_s, stamps_ns, unknown, unknown, np.full(len(stamps_ns), np.nan))
         return ""
 
+    def _tick(self, number: int) -> int:
+        """Time of a frame in the video. The index has times of decoding, which differ with B frames: most programs that
+        encode a video again add them.
+        """
+        if self._shown_ticks:
+            return self._shown_ticks[number]
+        return int(self._stream.index_entries[number].timestamp)
+
     def _decoded(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
         entries = self._stream.index_entries
         if number >= len(entries):
             return None
-        tick = entries[number].timestamp
-        key = entries.search_timestamp(tick, backward=True)
+        tick = self._tick(number)
+        key = entries.search_timestamp(entries[number].timestamp, backward=True)
         target = key if nearest_key and key >= 0 else number
         if self._at is not None and self._at[0] == target:
             return self._at
@@ -287,7 +301,7 @@ class _Video:
         if ahead is None or ahead < 0 or ahead > target - key + _FRAMES_PER_SEEK:
             self._container.seek(tick, stream=self._stream)
             self._frames = self._container.decode(self._stream)
-        target_tick = entries[target].timestamp
+        target_tick = self._tick(target)
         self._at = None
         for picture in self._frames:
             if picture.pts is not None and picture.pts >= target_tick:

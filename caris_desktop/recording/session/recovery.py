@@ -135,8 +135,9 @@ def _medium(path: Path, header: SessionHeader, found_bytes: int, recorded_bytes:
         if video.file_name == path.name:
             content = content_of(path) if found_bytes >= 0 else None
             left = 0 if content is None else len(content.times_s)
-            message = words.VIDEO_MISSING if found_bytes < 0 else words.pictures_left_words(left)
-            return localized(message, file=path.name, count=video.frames, camera=video.camera)
+            if left < video.frames:  # otherwise it was encoded again
+                message = words.VIDEO_MISSING if found_bytes < 0 else words.pictures_left_words(left)
+                return localized(message, file=path.name, count=video.frames, camera=video.camera)
     for sound in header.audio:
         if sound.file_name == path.name:
             lasts_s = sound.samples / max(1, sound.sample_rate_hz)

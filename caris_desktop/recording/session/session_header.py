@@ -183,7 +183,7 @@ class RecordedFile(Value):
 class Anonymised(Value):
     """How a copy of a session was anonymised: when, by which version, and what became of names, faces and voices.
 
-    ``left_out`` has a sentence for each file that is not in the copy.
+    ``left_out`` has a sentence for each file that is not in the copy, or not whole.
     """
 
     utc: str = ""

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain.foreign_text import typed_path
 from caris_desktop.domain.free_names import free_name
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import Value
@@ -301,7 +302,7 @@ class ImportDialog(_Dialog):
         typed = self.path_field.text()
         file_dialog(
             self, "import_chooser", tr("Annotations to import"), self._on_file_chosen, files=files,
-            folder=Path(typed).expanduser() if typed else None,
+            folder=typed_path(typed) if typed else None,
         ).show()  # fmt: skip
 
     def _on_file_chosen(self, path: Path) -> None:
@@ -319,7 +320,7 @@ class ImportDialog(_Dialog):
             if shiboken6.isValid(self) and self.isVisible() and self.path_field.text().strip() == text:
                 self.refuse(refusal)
 
-        self._import_file(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
+        self._import_file(typed_path(text), " ".join(self._coder.currentText().split()), on_imported)
 
 
 TOLERANCES_MS = (100, 250, 500, 1000, 2000)

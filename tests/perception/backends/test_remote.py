@@ -3,13 +3,16 @@
 import ssl
 import threading
 from collections.abc import Iterator
+from http import HTTPStatus
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from websockets.http11 import Request, Response
 from websockets.sync.client import connect
+from websockets.sync.server import ServerConnection, serve
 
 from caris_desktop.perception.backends import remote_detector
 from caris_desktop.perception.backends.remote_detector import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
@@ -162,6 +165,24 @@ def test_a_silent_server_is_reported_and_pictures_go_nowhere_in_the_clear() -> N
         RemoteDetector("ws://127.0.0.1:1", confidence=0.1)
     with pytest.raises(DetectorAwayError, match="use wss://"):
         RemoteDetector("ws://192.0.2.7:8768", confidence=0.1)
+
+
+def test_no_picture_follows_a_server_to_another(server: Serving) -> None:
+    """A server on this computer could otherwise pass the pictures of a study without cloud models on."""
+
+    def redirect(connection: ServerConnection, _request: Request) -> Response:
+        answer = connection.respond(HTTPStatus.TEMPORARY_REDIRECT, "")
+        answer.headers["Location"] = server.address
+        return answer
+
+    with serve(lambda _connection: None, "127.0.0.1", 0, process_request=redirect) as other:
+        thread = threading.Thread(target=other.serve_forever)
+        thread.start()
+        with pytest.raises(DetectorAwayError, match="not a perception server"):
+            RemoteDetector(f"ws://127.0.0.1:{other.socket.getsockname()[1]}", confidence=0.3)
+        other.shutdown()
+        thread.join()
+    assert server.notes == []
 
 
 def test_over_tls_the_server_has_to_prove_who_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Camera sources with the real process entry point (in a thread)."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -99,6 +100,25 @@ def test_an_absent_camera_is_reported_once_and_retried(start: Start, monkeypatch
     assert "/dev/video97" in problem.what
     lost = camera.of(CameraState)[-1]
     assert (lost.state, lost.detail, lost.advice) == ("lost", problem.what, problem.advice)
+
+
+@pytest.mark.logs("cannot be reached")
+def test_no_password_of_a_camera_is_logged(
+    start: Start, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(camera_process, "_RETRY_AFTER_S", (0.02,))
+    tries = threading.Semaphore(0)
+
+    def counting_open(chosen: ChosenCamera) -> CameraSource:
+        tries.release()
+        return open_camera(chosen)
+
+    camera = start("rtsp://user:sesame@127.0.0.1:9/x", open_one=counting_open)
+    camera.until(has_state("lost"))
+    assert all(tries.acquire(timeout=20.0) for _ in range(4))
+    assert "127.0.0.1 cannot be reached" in caplog.text
+    assert "sesame" not in caplog.text
+    assert caplog.text.count("cannot be reached") == 1, "the log does not grow while a camera is away"
 
 
 def test_a_device_delivers_until_it_is_unplugged(video: Path) -> None:

@@ -232,6 +232,24 @@ def test_more_clients_than_it_can_bear_are_reported_so(monkeypatch: pytest.Monke
     served(test)
 
 
+@pytest.mark.logs("camera_server: It was unplugged")
+def test_those_who_leave_a_lost_camera_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_server, "MOST_CLIENTS", 2)
+
+    def unplugged(_chosen: ChosenCamera) -> CameraSource:
+        raise CameraError("It was unplugged.", "")
+
+    async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
+        for _ in range(5):
+            client = await new_client()
+            assert (await client.ask("GET", "/video.mjpg"))[0] == 200
+            await client.close()
+            await asyncio.sleep(0.1)
+        assert (await (await new_client()).ask("GET", "/"))[0] == 200
+
+    served(test, open_one=unplugged)
+
+
 @pytest.mark.logs("camera_server: It was unplugged", "camera_server: .* delivers")
 def test_a_camera_that_is_lost_comes_back_to_those_who_still_look(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_server, "_RETRY_AFTER_S", (0.02,))

@@ -19,6 +19,7 @@ from caris_desktop.perception.cameras import camera_process, http_camera
 from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 from caris_desktop.perception.cameras.http_camera import HttpCamera, MultipartReader, RemoteClockEstimate
+from caris_desktop.perception.cameras.stream_camera import StreamCamera
 from tests.perception.cameras.running_camera import RunningCamera, has_state, write_video
 
 
@@ -34,6 +35,7 @@ class Served:
         self.status = 200
         self.content_type = "multipart/x-mixed-replace; boundary=frame"
         self.authorizations: list[str | None] = []
+        self.location = ""
         self.port = 0
 
     @property
@@ -50,6 +52,8 @@ def served() -> Iterator[Served]:
             told.authorizations.append(self.headers.get("Authorization"))
             self.send_response(told.status)
             self.send_header("Content-Type", told.content_type)
+            if told.location:
+                self.send_header("Location", told.location)
             self.end_headers()
             with contextlib.suppress(OSError):
                 for part in told.parts:
@@ -167,6 +171,19 @@ def test_a_video_at_such_an_address_is_played_too(served: Served, tmp_path: Path
     picture = camera.read()
     camera.close()
     assert picture is not None and picture.image.shape == (240, 320, 3)
+
+
+@pytest.mark.parametrize("where", ["/elsewhere", "file:///dev/zero", "//user:sesame@localhost:{port}/x", "/video.mjpg"])
+def test_no_redirection_is_followed(served: Served, tmp_path: Path, where: str) -> None:
+    """The user has confirmed an address, and no other that its server may name."""
+    served.status, served.location = 302, where.format(port=served.port)
+    with pytest.raises(CameraError, match="refers to another address") as caught:
+        open_camera(parse_camera(served.address))
+    assert served.authorizations == [None]
+    assert "sesame" not in caught.value.advice
+    with pytest.raises(CameraError, match="cannot be reached"):
+        StreamCamera(parse_camera(served.address))
+    assert served.authorizations == [None, None]
 
 
 def test_one_that_sends_anything_but_pictures_is_lost(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,6 +44,16 @@ def test_a_playlist_shows_no_other_file(tmp_path: Path) -> None:
         StreamCamera(parse_camera(str(shared)))
 
 
+def test_a_file_is_that_of_its_name_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _video(tmp_path / "private.mp4", 90)
+    (tmp_path / "shared" / "file:..").mkdir(parents=True)
+    _video(tmp_path / "shared" / "file:.." / "private.mp4", 0)
+    monkeypatch.chdir(tmp_path / "shared")
+    camera = StreamCamera(parse_camera("file:../private.mp4"))
+    assert (camera.width_px, camera.height_px) == (320, 160)
+    camera.close()
+
+
 @pytest.mark.parametrize(
     ("clockwise_deg", "size_px", "corner"),
     [(0, (320, 160), (0, 0)), (90, (160, 320), (0, -1)), (180, (320, 160), (-1, -1)), (270, (160, 320), (-1, 0))],

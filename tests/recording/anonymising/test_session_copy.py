@@ -9,6 +9,7 @@ import wave
 from hashlib import sha256
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 import yaml
@@ -20,6 +21,7 @@ from caris_desktop.recording.anonymising import session_copy
 from caris_desktop.recording.anonymising.session_copy import KnownNames, write_sound
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.text_erasure import all_of
+from caris_desktop.recording.photo_file import with_texts
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
@@ -273,6 +275,56 @@ def test_media_that_cannot_be_anonymised_are_left_out_and_said(
         "video-rear.frames.csv", "video-front.frames.csv", "video-front.mp4", "video-rear.mp4", "0001.png", "Anna.json",
     } == set()  # fmt: skip
     assert verify_manifest(tmp_path / "out") == []
+
+
+@pytest.mark.parametrize("blur", ["everybody", "nobody"])
+def test_names_that_other_programs_wrote_into_media_stay_behind(recorded: Path, tmp_path: Path, blur: str) -> None:
+    folder = shutil.copytree(recorded, tmp_path / "s" / "sessions" / "one")
+    path, again = folder / "video-front.mp4", tmp_path / "again.mp4"
+    with av.open(str(path)) as old, av.open(str(again), "w") as new:
+        new.metadata.update(title=MET, comment=FRIEND)
+        stream = new.add_stream_from_template(old.streams.video[0])
+        for packet in old.demux(video=0):
+            packet.stream = stream
+            new.mux([packet] if packet.size else [])
+    again.replace(path)
+    with (folder / "video-front.frames.csv").open("a") as index:
+        index.write(f"# until {MET} leaves\n")
+    photo = folder / "photos" / "0001.png"
+    photo.write_bytes(with_texts(photo.read_bytes(), {"Quillfeather": "in the kitchen"}))
+    assert {"video-front.mp4", "video-front.frames.csv", "photos/0001.png"} <= set(named_in(folder))
+    arguments = ("--blur", blur, "--also-called", MET, "--also-called", FRIEND)
+    assert anonymise(folder, tmp_path / "out", *arguments) == 0
+    assert named_in(tmp_path / "out") == {}
+    session = open_session(tmp_path / "out")
+    assert session.header.anonymised is not None
+    assert "video-front.mp4 is copied without its sound, subtitles" in " ".join(session.header.anonymised.left_out)
+    with VideoReader(session) as videos:
+        assert len(videos.frame_times_ns("front")) == open_session(recorded).header.videos[0].frames
+
+
+@pytest.mark.logs(".*")
+def test_odd_videos_are_covered_or_left_out_and_end_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = make_session(
+        tmp_path / "study" / "sessions" / "one", seconds=6.0, cameras=("front", "rear"), fps=5.0, people=1,
+        people_hz=4.0,
+    ).folder  # fmt: skip
+    people = open_session(folder).values("people")
+    assert {value.camera for _, value in people} == {"front"}
+    for form, pixels in (("h264", "yuv420p"), ("mp4", "yuv444p")):
+        with av.open(str(folder / "video-front.mp4"), "w", format=form) as video:
+            stream = video.add_stream("libx264", rate=5)
+            stream.width, stream.height, stream.pix_fmt = 321, 181, pixels
+            if form == "h264":  # frames without times
+                stream.width, stream.height = 320, 180
+            for _ in range(10):
+                image_bgr = np.zeros((stream.height, stream.width, 3), np.uint8)
+                video.mux(stream.encode(av.VideoFrame.from_ndarray(image_bgr, "bgr24")))
+            video.mux(stream.encode(None))
+        assert anonymise(folder, tmp_path / form) == 0
+        told = "video-front.mp4 is left out: video-front.mp4 cannot be read as a video: its frames have no times"
+        assert (told in capsys.readouterr().err) == (form == "h264")
+        assert (tmp_path / form / "video-front.mp4").exists() == (form == "mp4")
 
 
 def test_without_blurring_the_videos_are_as_recorded(recorded: Path, tmp_path: Path) -> None:

@@ -381,6 +381,21 @@ def test_sessions_without_cameras_and_odometry_have_ten_frames_a_second(tmp_path
     assert not read.values("action").any()
 
 
+@pytest.mark.parametrize("step_ns", [0, -100_000_000, SECOND_NS])
+def test_a_dataset_is_bounded_whatever_the_times_of_the_frames(tmp_path: Path, step_ns: int) -> None:
+    """Stamps of a robot may be the same for all frames, in whole seconds, or step back."""
+    made = make_session(tmp_path / "session", seconds=2.0, cameras=("front",), fps=10.0, people=0)
+    index = made.folder / "video-front.frames.csv"
+    head, *rows = index.read_text().splitlines()
+    begin_ns = made.plan.started_ns + SECOND_NS
+    cells = [row.split(",") for row in rows]
+    for number, row in enumerate(cells):
+        row[2] = str(begin_ns + number // 4 * step_ns)
+    index.write_text("\n".join([head, *map(",".join, cells), ""]))
+    dataset = write_lerobot([open_session(made.folder)], tmp_path / "out", lambda _share: None)
+    assert dataset.fps == (1 if step_ns > 0 else lerobot.FPS_WITHOUT_CAMERA)
+
+
 def test_scans_with_other_beams_are_given_in_those_of_the_first(tmp_path: Path) -> None:
     made = make_session(tmp_path / "s", seconds=2.0, cameras=(), beams=36, keep=True)
 

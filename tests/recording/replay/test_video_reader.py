@@ -5,6 +5,7 @@ import random
 import shutil
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -113,6 +114,38 @@ def test_without_side_index_the_times_of_the_video_count(folder: Path, whole_ses
         found = videos.frame_at("rear", int(stamps_ns[77]) + 10**6)
         assert found is not None
         assert number_in(found.image_bgr) == 77
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_a_video_that_another_program_encoded_again_shows_the_same_frames(
+    folder: Path, whole_session: RecordedSession, indexed: bool
+) -> None:
+    """Most encoders add B frames, which are not stored in the order in which they are shown."""
+    path, again = folder / "video-front.mp4", folder / "again.mp4"
+    with av.open(str(path)) as old, av.open(str(again), "w") as new:
+        stream = new.add_stream("libx264", rate=30, options={"g": "20", "x264-params": "bframes=3:b-adapt=0"})
+        stream.width, stream.height = whole_session.plan.size_px
+        for frame in old.decode(video=0):
+            frame.pict_type = av.video.frame.PictureType.NONE
+            new.mux(stream.encode(frame))
+        new.mux(stream.encode(None))
+    again.replace(path)
+    if not indexed:
+        (folder / "video-front.frames.csv").unlink()
+    stamps_ns = whole_session.plan.frame_stamps_ns("front")
+    session = open_session(folder)
+    assert not any("cut off" in loss for loss in session.losses)
+    with VideoReader(session) as videos:
+        assert np.abs(np.array(videos.frame_times_ns("front")) - stamps_ns).max() < 20_000_000
+        for number in (50, 7, 21, 8, 40, 39, 99, 19, 20):
+            found = videos.frame("front", number)
+            assert found is not None
+            assert number_in(found.image_bgr) == found.info.number == number
+            key = videos.frame("front", number, nearest_key=True)
+            assert key is not None
+            assert number_in(key.image_bgr) == key.info.number == number // 20 * 20
+        assert list(videos.packets("front")) == [], "a topic of such frames cannot be played"
+        assert videos.problems == []
 
 
 def test_a_killed_session_is_seen_without_repair_too(killed_session: RecordedSession) -> None:
