@@ -124,7 +124,9 @@ _INTERNAL_CALLS = {
 }  # fmt: skip
 """Functions whose string arguments are not displayed."""
 
-_TERMINAL_CALLS = {"ArgumentParser", "CommandParser", "add_argument", "add_argument_group", "add_parser", "print"}
+_TERMINAL_CALLS = {
+    "ArgumentParser", "CommandParser", "add_argument", "add_argument_group", "add_parser", "print", "reporting",
+}  # fmt: skip
 """Functions whose texts appear in the terminal, which is English only."""
 
 _INTERNAL_ARGUMENTS = {
