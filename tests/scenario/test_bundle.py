@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.intents import SameName
-from caris_desktop.robot.profile import profile_file_name
+from caris_desktop.robot.profile import own_profile_file
 from caris_desktop.scenario import bundle as bundles
 from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, PartKind, read_bundle, unpack, write_bundle
 from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, load_scenario, own_file_called
@@ -63,7 +63,7 @@ def test_no_file_gets_the_name_of_a_device(tmp_path: Path, folders: dict[PartKin
     for name in ("aux", "COM1"):
         with pytest.raises(BundleError, match="not a valid name"):
             unpack(GIVEN, folders, lambda kind, _name: (folders[kind], ""), [SameName("robot", "lab", name)])
-    assert (profile_file_name("Con"), profile_file_name("Pepper")) == ("con-1.yaml", "pepper.yaml")
+    assert [own_profile_file(title).name for title in ("Con", "Pepper")] == ["con-1.yaml", "pepper.yaml"]
     assert own_file_called("AUX").name == "aux-1.yaml"
 
 
