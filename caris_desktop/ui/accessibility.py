@@ -16,6 +16,8 @@ from PySide6.QtWidgets import QAccessibleWidget, QWidget
 
 from caris_desktop.domain import events
 from caris_desktop.domain.actor import OTHER_WIZARD
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.status import IN_SESSION, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.event_messages import event_sentence
 from caris_desktop.ui.focus_widget import window_of
@@ -102,8 +104,10 @@ class Announcements(QObject):
     def __init__(self, window: QWidget, console: WizardConsole) -> None:
         super().__init__(window)
         self._window, self._console = window, console
+        self._recording = console.state.recording.value
         if console.state.present.live:
             console.state.event_happened.connect(self._on_event)
+            console.state.recording.changed.connect(self._on_recording)
 
     def _on_event(self, event: object) -> None:
         if not QAccessible.isActive():
@@ -113,16 +117,36 @@ class Announcements(QObject):
                 announces = not latched  # the emergency banner announces the stop
             case events.LinkChanged(state=state):
                 announces = state == "connected"
-            case (
-                events.GoalChanged() | events.SessionStarted() | events.SessionEnded() | events.RecordingPaused()
-                | events.PhotoTaken() | events.PersonRenamed() | events.Marked()
-            ):  # fmt: skip
+            case events.GoalChanged() | events.PhotoTaken() | events.PersonRenamed() | events.Marked():
                 announces = True
             case _:
                 announces = False
         if announces or getattr(event, "actor", "").startswith(OTHER_WIZARD):
-            sentence = event_sentence(event, partial(name_of, self._console))
-            announce(self._window, "" if sentence is None else sentence[1])
+            # Deferred, as the console knows a person's new name only after the event.
+            QTimer.singleShot(0, self, partial(self._announce, event))
+
+    def _announce(self, event: object) -> None:
+        sentence = event_sentence(event, partial(name_of, self._console))
+        announce(self._window, "" if sentence is None else sentence[1])
+
+    def _on_recording(self, status: RecordingStatus) -> None:
+        """Announce the start, pauses and the end, whose events are only in the record."""
+        before, self._recording = self._recording, status
+        folder = status.folder or before.folder
+        if status.state == before.state or folder is None:
+            return
+        match status.state:
+            case "recording" if before.state == "paused":
+                text = tr("Recording resumed")
+            case "recording":
+                text = tr("Recording started ({folder})").format(folder=folder.name)
+            case "paused":
+                text = tr("Recording paused")
+            case "idle" if before.state in IN_SESSION:
+                text = tr("Recording ended ({folder})").format(folder=folder.name)
+            case _:
+                text = ""
+        announce(self._window, text)
 
 
 def announce(widget: QWidget, text: str) -> None:

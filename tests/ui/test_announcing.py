@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QEvent, QObject
@@ -16,12 +17,13 @@ from caris_desktop.domain.events import (
     EmergencyStopChanged,
     GoalChanged,
     Marked,
+    PersonRenamed,
     PhotoTaken,
     PlacesChanged,
     Problem,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.status import Alarm, DriveStatus
+from caris_desktop.live.status import Alarm, DriveStatus, RecordingStatus
 from caris_desktop.ui.accessibility import KEPT_MS, Announcement
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import find
@@ -45,6 +47,7 @@ def window(window: MainWindow) -> MainWindow:
 def announced(window: QWidget) -> list[str]:
     root = QAccessible.queryAccessibleInterface(window)
     assert root is not None
+    QApplication.processEvents()
     return [
         one.text(QAccessible.Text.Name)
         for one in _shown(root)
@@ -129,6 +132,29 @@ def test_goals_are_announced_and_actions_of_another_wizard(window: MainWindow, c
     console.state.add(PlacesChanged(at, "Door", here, actor=f"{OTHER_WIZARD}Ana"))
     assert announced(window)[1:3] == ["Photo taken (0001.png)", "Marked: Slip"]
     assert announced(window)[3:] == ["Place Door saved · by wizard Ana"]
+
+
+def test_the_start_the_pauses_and_the_end_of_a_recording_are_announced(
+    console: FakeConsole, qapp: QApplication, window: MainWindow
+) -> None:
+    recording = console.state.recording
+    recording.set(RecordingStatus("idle"))
+    listener = Heard(qapp)
+    for state in ("starting", "recording", "paused", "recording", "stopping", "idle"):
+        recording.set(RecordingStatus(state, Path("/study/sessions/S7")))
+    assert listener.said == [
+        "Recording started (S7)",
+        "Recording paused",
+        "Recording resumed",
+        "Recording ended (S7)",
+    ]
+
+
+def test_a_name_is_announced_as_it_was_given(window: MainWindow, console: FakeConsole) -> None:
+    person = console.state.persons.value[0]
+    console.state.add(PersonRenamed(clock.now_ns(), person.person_id, actor=WIZARD))
+    console.state.persons.set((replace(person, name="Mara"), *console.state.persons.value[1:]))
+    assert announced(window) == ["Named Mara"]
 
 
 def test_an_announcement_goes_and_shows_nothing(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
