@@ -201,7 +201,7 @@ def test_the_health_check_has_conversation_and_speech_largest_and_the_hand_over_
 @pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
 def test_the_names_of_scenario_and_trial_are_whole_while_recording(opened: Open, name: str) -> None:
     window, console = opened(name)
-    console.state.recording.set(RecordingStatus("recording", clock.now_ns() - 3_600_000_000_000))
+    console.state.recording.set(RecordingStatus("recording", started_ns=clock.now_ns() - 3_600_000_000_000))
     window._top_bar.show_details(TrialDetails("Lab visit", "P07", "B", "2", "Kim"))
     QApplication.processEvents()
     trial, scenario = find(window, "trial_label"), find(window, "scenario_button")
