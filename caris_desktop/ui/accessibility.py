@@ -72,6 +72,7 @@ def _interface(_class_name: str, thing: QObject | None) -> QAccessibleInterface 
 
 KEPT_MS = 10_000
 """Lifetime in ms: a screen reader on a busy machine queries late."""
+_AFTER_CHANGES_MS = 1000  # Orca drops what comes while more than fifty changes of the window wait
 
 
 class Announcement(QWidget):
@@ -146,7 +147,7 @@ class Announcements(QObject):
                 text = tr("Recording ended ({folder})").format(folder=folder.name)
             case _:
                 text = ""
-        announce(self._window, text)
+        QTimer.singleShot(_AFTER_CHANGES_MS, self, partial(announce, self._window, text))
 
 
 def announce(widget: QWidget, text: str) -> None:

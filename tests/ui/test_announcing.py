@@ -135,19 +135,16 @@ def test_goals_are_announced_and_actions_of_another_wizard(window: MainWindow, c
 
 
 def test_the_start_the_pauses_and_the_end_of_a_recording_are_announced(
-    console: FakeConsole, qapp: QApplication, window: MainWindow
+    console: FakeConsole, qapp: QApplication, window: MainWindow, qtbot: QtBot
 ) -> None:
     recording = console.state.recording
     recording.set(RecordingStatus("idle"))
+    qtbot.waitUntil(lambda: bool(announced(window)))
     listener = Heard(qapp)
     for state in ("starting", "recording", "paused", "recording", "stopping", "idle"):
         recording.set(RecordingStatus(state, Path("/study/sessions/S7")))
-    assert listener.said == [
-        "Recording started (S7)",
-        "Recording paused",
-        "Recording resumed",
-        "Recording ended (S7)",
-    ]
+    wanted = ["Recording started (S7)", "Recording paused", "Recording resumed", "Recording ended (S7)"]
+    qtbot.waitUntil(lambda: listener.said == wanted)
 
 
 def test_a_name_is_announced_as_it_was_given(window: MainWindow, console: FakeConsole) -> None:
