@@ -206,7 +206,7 @@ _WebAddress = Annotated[str, FieldSpec(
 
 
 class SpeechService(Value):
-    """A speech service."""
+    """A ROS service that speaks a text."""
 
     name: Annotated[RosName, FieldSpec("The name of the service.")]
     type: Annotated[RosType, FieldSpec("Its ROS type.")]
