@@ -47,8 +47,8 @@ from caris_desktop.scenario.phrases import sentences
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-class ComputerVoice:
-    """This computer's voice, as used by the queue; its process reports."""
+class PortVoice:
+    """Voice of this computer, or base of the robot's, as used by the queue. The process behind the port reports."""
 
     def __init__(self, state: LiveState, port: RobotPort | SupervisedProcess) -> None:
         self._state = state
@@ -70,7 +70,7 @@ class ComputerVoice:
         return self._port.send(Silence(clock.now_ns(), actor))
 
 
-class LinkVoice(ComputerVoice):
+class LinkVoice(PortVoice):
     """Robot text-to-speech; its link reports."""
 
     @property
@@ -104,7 +104,7 @@ class SpeechService(ContextService):
         self._suggested: dict[str, str] = {}
         self._prepared: tuple[str, ...] = ()
         voices: dict[VoiceKind, Voice] = {
-            "robot": LinkVoice(self._state, robot), "computer": ComputerVoice(self._state, self._process),
+            "robot": LinkVoice(self._state, robot), "computer": PortVoice(self._state, self._process),
         }  # fmt: skip
         self._permitted = True
         self._started = self._stopped = False
