@@ -566,10 +566,10 @@ class MapItems:
             taken += [_around(point, 7)] if label is None else [_around(point, 7), label]
         going_to = state.goal.place if state.goal is not None else None
         under_robot = {name for name, point in at.items() if robot and robot[0].contains(point)}
-        # Goal, hovered place and the robot's place are labelled first, then long names; a place without room keeps its
-        # flag, which the robot covers.
+        # Goal and hovered place are labelled first, then long names; a place without room keeps its flag. The robot's
+        # place comes last: its name beside the flag of another would be read as that one's.
         order = sorted(
-            at, key=lambda name: (name != going_to, name != state.hovered, name not in under_robot, -width_of[name])
+            at, key=lambda name: (name != going_to, name != state.hovered, name in under_robot, -width_of[name])
         )
         for name, mark in zip(order, _pool(self._places, len(order), self._over), strict=True):
             point, width = at[name], width_of[name]
